@@ -1,0 +1,19 @@
+"""One episode of the world: pure, differentiable, no batch axis, no networks, no files."""
+
+from .env import World, check_params
+from .scenes import SCENES
+from .types import Action, Observation, Outcome, Params, Snapshot, State, Walls, WorldConfig
+
+__all__ = [
+    "SCENES",
+    "Action",
+    "Observation",
+    "Outcome",
+    "Params",
+    "Snapshot",
+    "State",
+    "Walls",
+    "World",
+    "WorldConfig",
+    "check_params",
+]

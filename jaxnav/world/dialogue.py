@@ -1,0 +1,164 @@
+"""Encounters: when a dialogue opens and closes, who speaks, what is said, and what is done about it.
+
+Everything is per pedestrian; only `address` looks at all of them. Source: PAPER.md section 6.
+"""
+
+import jax.numpy as jnp
+
+from .geometry import closest_approach, cross2d, norm, unit
+from .lidar import raycast
+from .types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP, Encounter
+
+_REFERENCE_SPEED = 0.5  # the walking speed at which a gate opens at exactly `encounter_distance`
+_COS_45 = 0.70710678
+
+
+def start(pedestrian, robot):
+    """The `Encounter` of a pedestrian before anything has happened."""
+    off, none, zero = jnp.bool_(False), jnp.int32(0), jnp.float32(0.0)
+    return Encounter(
+        met=off, is_open=off, pedestrian_first=off, message=none, message_age=none, request=none, request_age=none,
+        reply=none, utterance=jnp.uint32(0), grown=none,
+        distance=norm(pedestrian.x - robot.x, pedestrian.y - robot.y),
+        x=zero, y=zero, ux=zero, uy=zero, robot_x=zero, robot_y=zero, robot_ux=zero, robot_uy=zero,
+    )  # fmt: skip
+
+
+def may_request(encounter):
+    """Whether a request to this pedestrian would count: gate open, the robot's turn, nothing asked yet."""
+    return encounter.is_open & ~encounter.pedestrian_first & (encounter.request == NONE)
+
+
+def address(encounters, code):
+    """The code that each pedestrian `[P]` is asked: ``code`` for the nearest that may be asked, none for the others."""
+    askable = may_request(encounters)
+    nearest = jnp.argmin(jnp.where(askable, encounters.distance, jnp.inf))
+    addressed = askable & (jnp.arange(askable.shape[0]) == nearest)
+    return jnp.where(addressed, code, NONE)
+
+
+def receive(encounter, asked, fate, params):
+    """Register a request and reply to it once the pedestrian has taken its 0-2 steps to answer."""
+    request = jnp.where(asked != NONE, asked, encounter.request)
+    answers = encounter.is_open & (request != NONE) & (encounter.request_age >= fate.reply_delay)
+    reply = jnp.where(answers, jnp.where(fate.compliance < params.compliance, AGREES, REFUSES), encounter.reply)
+    return encounter.replace(request=request, reply=reply)
+
+
+def obeyed_request(encounter, fate, params):
+    """The request the pedestrian is carrying out in this step, else none."""
+    obeys = encounter.is_open & (encounter.reply == AGREES)
+    obeys &= encounter.request_age - fate.reply_delay < params.obey_steps
+    return jnp.where(obeys, encounter.request, NONE)
+
+
+def is_committed(encounter, fate):
+    """Whether the pedestrian carries out what it announced and no longer avoids the robot."""
+    return encounter.is_open & encounter.pedestrian_first & (encounter.message_age >= fate.commit_delay)
+
+
+def fitting_request(robot, pedestrian):
+    """The request that suits the geometry: stop for crossing headings, else the side the pedestrian is on already."""
+    ux, uy = _walking_direction(pedestrian)
+    path_x, path_y = unit(robot.goal_x - robot.x, robot.goal_y - robot.y)
+    # From the pedestrian to the nearest point of the robot's path: the part of the offset that is across the path.
+    dx, dy = robot.x - pedestrian.x, robot.y - pedestrian.y
+    along = dx * path_x + dy * path_y
+    path_is_left = cross2d(ux, uy, dx - along * path_x, dy - along * path_y) > 0
+    return jnp.where(_is_crossing(robot, ux, uy), STOP, jnp.where(path_is_left, RIGHT, LEFT))
+
+
+def follows_message(encounter, robot):
+    """Whether the robot, at the end of a step, does what it was asked (PAPER.md section 8, r_res)."""
+    left_of_line = cross2d(
+        encounter.robot_ux, encounter.robot_uy, robot.x - encounter.robot_x, robot.y - encounter.robot_y
+    )
+    stops = (encounter.message == STOP) & (robot.v <= 0.15)
+    right = (encounter.message == RIGHT) & ((robot.w < 0) | (left_of_line <= -0.3))
+    left = (encounter.message == LEFT) & ((robot.w > 0) | (left_of_line >= 0.3))
+    return encounter.is_open & (stops | right | left)
+
+
+def advance(encounter, fate, robot, pedestrian, walls, word, params):
+    """Close or open the gate after a step; a pedestrian that is first speaks at opening.
+
+    word: a random uint32, the wording of what is said (a message, or small talk).
+    """
+    px, py = pedestrian.x - robot.x, pedestrian.y - robot.y
+    distance = norm(px, py)
+    grown = jnp.where(distance > encounter.distance, encounter.grown + 1, 0)
+    stays = encounter.is_open & (grown < 2)
+    opens = ~encounter.met & _gate(px, py, pedestrian, robot, params)
+
+    ux, uy = _walking_direction(pedestrian)
+    robot_ux, robot_uy = unit(robot.goal_x - robot.x, robot.goal_y - robot.y)
+    first = jnp.where(opens, fate.first < params.p_pedestrian_first, encounter.pedestrian_first)
+    speaks = opens & first
+    message = jnp.where(speaks, _message(fate, robot, pedestrian, ux, uy, walls, params), encounter.message)
+    message = jnp.where(stays | opens, message, NONE)
+    request = jnp.where(stays, encounter.request, NONE)
+
+    # The lowest bits decide on small talk, so that the wording (all bits) stays free; 0 would mean silence.
+    chats = (word & 0xFFFF).astype(jnp.float32) < params.small_talk * 65536.0
+    held = jnp.where(message != NONE, encounter.utterance, 0)
+    utterance = jnp.where(speaks | (chats & (message == NONE)), jnp.maximum(word, 1), held)
+
+    def freeze(now, before):
+        return jnp.where(opens, now, before)
+
+    return encounter.replace(
+        met=encounter.met | opens,
+        is_open=stays | opens,
+        pedestrian_first=first & (stays | opens),
+        message=message,
+        message_age=jnp.where(stays & (message != NONE), encounter.message_age + 1, 0),
+        request=request,
+        request_age=jnp.where(request != NONE, encounter.request_age + 1, 0),
+        reply=jnp.where(stays, encounter.reply, NONE),
+        utterance=utterance,
+        distance=distance,
+        grown=jnp.where(opens, 0, grown),
+        x=freeze(pedestrian.x, encounter.x),
+        y=freeze(pedestrian.y, encounter.y),
+        ux=freeze(ux, encounter.ux),
+        uy=freeze(uy, encounter.uy),
+        robot_x=freeze(robot.x, encounter.robot_x),
+        robot_y=freeze(robot.y, encounter.robot_y),
+        robot_ux=freeze(robot_ux, encounter.robot_ux),
+        robot_uy=freeze(robot_uy, encounter.robot_uy),
+    )
+
+
+def _gate(px, py, pedestrian, robot, params):
+    """Close enough, and predicted to come closer than ``encounter_clearance`` soon; from observables only."""
+    speed = norm(pedestrian.vx, pedestrian.vy)
+    growth = (params.max_v + speed) / (params.max_v + _REFERENCE_SPEED)
+    near = norm(px, py) < params.encounter_distance * jnp.maximum(growth, 1.0)
+    vx = pedestrian.vx - robot.v * jnp.cos(robot.heading)
+    vy = pedestrian.vy - robot.v * jnp.sin(robot.heading)
+    t = closest_approach(px, py, vx, vy, params.encounter_horizon)
+    return near & (norm(px + t * vx, py + t * vy) < params.encounter_clearance)
+
+
+def _walking_direction(pedestrian):
+    """Unit vector toward the pedestrian's goal: it has one even while standing."""
+    return unit(pedestrian.goal_x - pedestrian.x, pedestrian.goal_y - pedestrian.y)
+
+
+def _is_crossing(robot, ux, uy):
+    """Whether the headings differ by 45 to 135 degrees."""
+    return jnp.abs(jnp.cos(robot.heading) * ux + jnp.sin(robot.heading) * uy) <= _COS_45
+
+
+def _message(fate, robot, pedestrian, ux, uy, walls, params):
+    """What the pedestrian announces: stop when crossing, else its wider side; another one in a share of the cases."""
+    free_left, free_right = (
+        raycast(pedestrian.x, pedestrian.y, ux, uy, walls, (jnp.float32(0.0), jnp.float32(side)), params.scan_range)
+        for side in (1.0, -1.0)
+    )
+    side = jnp.where(free_right >= free_left, RIGHT, LEFT)
+    usual = jnp.where(_is_crossing(robot, ux, uy), STOP, side)
+    # One draw decides on the exception and, where there is one, which of the other two messages it is.
+    shift = jnp.where(fate.message < 0.5 * params.message_exceptions, 1, 2)
+    other = (usual - 1 + shift) % 3 + 1
+    return jnp.where(fate.message < params.message_exceptions, other, usual)

@@ -1,0 +1,213 @@
+"""The world: reset, step and observe one episode. The only file that knows all the others."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import dialogue, pedestrian, reward, scenes, sensing
+from .geometry import closest_approach, norm, time_to_disc, time_to_slab, to_frame, unit
+from .robot import arc, twist_from_action
+from .types import Fate, Outcome, Params, Pedestrian, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+
+# The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
+_CHORDS = 2
+
+_AT_LEAST_ZERO = (
+    "max_w", "goal_tolerance", "scan_noise_std", "body_radius", "preferred_speed", "max_speed", "awareness",
+    "neighbor_distance", "encounter_distance", "encounter_clearance", "encounter_horizon", "obey_steps",
+    "passing_clearance", "safe_distance", "comfort_distance",
+)  # fmt: skip
+_POSITIVE = ("dt", "max_v", "robot_radius", "max_steps", "scan_range", "time_horizon", "time_horizon_walls")
+_PROBABILITIES = ("scan_dropout", "p_pedestrian_first", "compliance", "message_exceptions", "small_talk")
+
+
+def check_params(params):
+    """Raise ValueError naming the first field that is not finite or out of its range; traced values pass."""
+    for name, value in params.items():
+        if isinstance(value, jax.core.Tracer):
+            continue
+        value = np.asarray(value)
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"world.params.{name} is {value}: give a finite number")
+        if name in _POSITIVE and np.any(value <= 0):
+            raise ValueError(f"world.params.{name} is {value}: give a number above 0")
+        if name in _AT_LEAST_ZERO and np.any(value < 0):
+            raise ValueError(f"world.params.{name} is {value}: give a number of at least 0")
+        if name in _PROBABILITIES and np.any((value < 0) | (value > 1)):
+            raise ValueError(f"world.params.{name} is {value}: give a probability, 0 to 1")
+
+
+class World:
+    """A differentiable 2D world with one robot and P pedestrians who talk with it.
+
+    Every method is a pure function of one episode: ``jit`` and ``vmap`` as you like. ``step`` does not reset.
+    ValueError: an unknown scene, or more pedestrians than one of the scenes holds.
+    """
+
+    def __init__(self, config: WorldConfig = WorldConfig()):
+        self.config = config
+        self.scenes = tuple(scenes.get(name) for name in config.scenes)
+        for scene in self.scenes:
+            if config.pedestrians > scene.capacity:
+                raise ValueError(
+                    f"world.pedestrians is {config.pedestrians}: scene {scene.name} holds at most {scene.capacity}"
+                )
+        self._wall_table = scenes.wall_table(self.scenes)
+
+    def walls(self, scene):
+        """`Walls` of the scene with that index."""
+        return jax.tree.map(lambda table: jnp.asarray(table)[scene], self._wall_table)
+
+    def reset(self, key, params: Params, scene=None) -> State:
+        """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
+        check_params(params)
+        key_scene, key_place, key_fate, key_seed = jax.random.split(key, 4)
+        if scene is None:
+            scene = jax.random.randint(key_scene, (), 0, len(self.scenes))
+        walls = self.walls(scene)
+        branches = [
+            lambda _, s=s: scenes.place(key_place, s, walls, self.config.pedestrians, params) for s in self.scenes
+        ]
+        (x, y, heading, goal_x, goal_y), (px, py, pedestrian_goal_x, pedestrian_goal_y) = jax.lax.switch(
+            scene, branches, None
+        )
+        zero = jnp.float32(0.0)
+        robot = Robot(
+            x=x, y=y, heading=heading, v=zero, w=zero, goal_x=goal_x, goal_y=goal_y, start_heading=heading,
+            past=jnp.zeros((2, 3)),
+        )  # fmt: skip
+        ux, uy = unit(pedestrian_goal_x - px, pedestrian_goal_y - py)
+        pedestrians = Pedestrian(
+            x=px, y=py, vx=params.preferred_speed * ux, vy=params.preferred_speed * uy,
+            goal_x=pedestrian_goal_x, goal_y=pedestrian_goal_y,
+        )  # fmt: skip
+        fates = _draw_fates(key_fate, self.config.pedestrians)
+        words = jax.random.bits(key_seed, (self.config.pedestrians + 1,), jnp.uint32)
+        encounters = jax.vmap(dialogue.start, in_axes=(0, None))(pedestrians, robot)
+        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words[1:], params)
+        distance = norm(px - x, py - y) - params.robot_radius - params.body_radius
+        return State(
+            t=jnp.int32(0), scene=jnp.int32(scene), seed=words[0], robot=robot, pedestrians=pedestrians, fates=fates,
+            encounters=encounters, min_distance=jnp.min(distance),
+        )  # fmt: skip
+
+    def step(self, key, state: State, action, params: Params) -> tuple[State, Outcome]:
+        """One control period of ``dt``: talk, walk, drive, touch, and see who speaks next. ``key`` words what is said."""
+        walls = self.walls(state.scene)
+        before, fates = state.robot, state.fates
+
+        asked = dialogue.address(state.encounters, action.code)
+        encounters = jax.vmap(dialogue.receive, in_axes=(0, 0, 0, None))(state.encounters, asked, fates, params)
+        fits = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(before, state.pedestrians)
+        fits = jnp.any((asked != 0) & (asked == fits))
+
+        pedestrians = pedestrian.walk(state.pedestrians, encounters, fates, before, walls, self.config, params)
+        robot, path = self._drive(before, action, params)
+        arrived, collided, hit_pedestrian, distance = self._contacts(
+            path, robot, state.pedestrians, pedestrians, walls, params
+        )
+        min_distance = jnp.minimum(state.min_distance, distance)
+
+        follows = jnp.any(jax.vmap(dialogue.follows_message, in_axes=(0, None))(encounters, robot))
+        goal_before = norm(before.goal_x - before.x, before.goal_y - before.y)
+        goal_distance = norm(robot.goal_x - robot.x, robot.goal_y - robot.y)
+        terms = reward.reward_terms(
+            arrived, collided, goal_before - goal_distance, distance, min_distance, fits, follows, params,
+            self.config.reward,
+        )  # fmt: skip
+
+        words = jax.random.bits(key, (self.config.pedestrians,), jnp.uint32)
+        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words, params)
+        t = state.t + 1
+        terminated = arrived | collided
+        outcome = Outcome(
+            reward=sum(terms.values()), reward_terms=terms, terminated=terminated,
+            truncated=(t >= params.max_steps) & ~terminated, arrived=arrived, collided=collided,
+            hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), pedestrian_distance=distance,
+            goal_distance=goal_distance,
+        )  # fmt: skip
+        new = state.replace(t=t, robot=robot, pedestrians=pedestrians, encounters=encounters, min_distance=min_distance)
+        return new, outcome
+
+    def observe(self, state: State, params: Params):
+        """`Observation` of a state: a pure function, sensor noise included."""
+        return self.render(self.snapshot(state), params)
+
+    def snapshot(self, state: State) -> Snapshot:
+        """All that `observe` reads of a state, small: what replay stores."""
+        robot, encounters = state.robot, state.encounters
+        small = {"message": jnp.uint8, "message_age": jnp.uint8, "request": jnp.uint8, "request_age": jnp.uint8}
+        small |= {"reply": jnp.uint8, "is_open": bool, "pedestrian_first": bool, "utterance": jnp.uint32}
+        return Snapshot(
+            t=state.t.astype(jnp.uint16), scene=state.scene.astype(jnp.uint8), seed=state.seed,
+            x=robot.x, y=robot.y, heading=robot.heading, v=robot.v, w=robot.w, goal_x=robot.goal_x,
+            goal_y=robot.goal_y, turned=robot.start_heading - robot.heading, past=robot.past,
+            pedestrians=SeenPedestrian(
+                **{name: getattr(state.pedestrians, name) for name in ("x", "y", "vx", "vy")},
+                **{name: encounters[name].astype(dtype) for name, dtype in small.items()},
+            ),
+        )  # fmt: skip
+
+    def render(self, snapshot: Snapshot, params: Params):
+        """`Observation` of a snapshot: the same, bit for bit, as at the time of acting."""
+        return sensing.render(snapshot, self.walls(snapshot.scene), self.config, params)
+
+    def _advance_encounters(self, encounters, fates, robot, pedestrians, walls, words, params):
+        return jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, None, 0, None))(
+            encounters, fates, robot, pedestrians, walls, words, params
+        )
+
+    def _drive(self, robot, action, params):
+        """The robot after the step, and the points of its path, start included."""
+        v, w = twist_from_action(action.twist, params)
+        poses = [arc(robot.x, robot.y, robot.heading, v, w, params.dt * (i + 1) / _CHORDS) for i in range(_CHORDS)]
+        goal = to_frame(robot.goal_x - robot.x, robot.goal_y - robot.y, jnp.cos(robot.heading), jnp.sin(robot.heading))
+        now = jnp.stack([*goal, robot.start_heading - robot.heading])
+        x, y, heading = poses[-1]
+        moved = robot.replace(x=x, y=y, heading=heading, v=v, w=w, past=jnp.stack([robot.past[1], now]))
+        return moved, [(robot.x, robot.y), *((x, y) for x, y, _ in poses)]
+
+    def _contacts(self, path, robot, walked_from, walked_to, walls, params):
+        """(arrived, collided, hit_pedestrian, surface distance to the nearest pedestrian); the earliest event wins."""
+        radius = params.robot_radius + params.body_radius
+        if not self.config.swept_collisions:
+            path = [path[-1], path[-1]]
+            walked_from = walked_to
+        chords = len(path) - 1
+        arrival = wall_hit = pedestrian_hit = distance = jnp.float32(jnp.inf)
+        for i, ((x0, y0), (x1, y1)) in enumerate(zip(path, path[1:], strict=False)):
+            ex, ey = x1 - x0, y1 - y0
+            time = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, ex, ey, params.goal_tolerance)
+            arrival = jnp.minimum(arrival, i + time)
+            wall_hit = jnp.minimum(wall_hit, i + _time_to_walls(x0, y0, ex, ey, walls, params.robot_radius))
+
+            walk_x, walk_y = (walked_to.x - walked_from.x) / chords, (walked_to.y - walked_from.y) / chords
+            rx, ry = x0 - walked_from.x - i * walk_x, y0 - walked_from.y - i * walk_y
+            rex, rey = ex - walk_x, ey - walk_y
+            pedestrian_hit = jnp.minimum(pedestrian_hit, i + jnp.min(time_to_disc(rx, ry, rex, rey, radius)))
+            t = closest_approach(rx, ry, rex, rey)
+            distance = jnp.minimum(distance, jnp.min(norm(rx + t * rex, ry + t * rey)) - radius)
+        collision = jnp.minimum(wall_hit, pedestrian_hit)
+        collided = (collision < jnp.inf) & (collision <= arrival)
+        hit_pedestrian = collided & (pedestrian_hit <= wall_hit)
+        return (arrival < jnp.inf) & ~collided, collided, hit_pedestrian, distance
+
+
+def _time_to_walls(x, y, ex, ey, walls, radius):
+    """First time in [0, 1] at which a disc that moves by e touches a wall, else inf."""
+    time = jnp.float32(jnp.inf)
+    for i in range(walls.solid.shape[0]):
+        ax, ay, bx, by = walls.x[i], walls.y[i], walls.x[i + 1], walls.y[i + 1]
+        # Chains are closed, so that the first vertex of every wall covers all of them.
+        corner = time_to_disc(x - ax, y - ay, ex, ey, radius)
+        side = time_to_slab(x, y, ex, ey, ax, ay, bx, by, radius)
+        time = jnp.minimum(time, jnp.where(walls.solid[i], jnp.minimum(corner, side), jnp.inf))
+    return time
+
+
+def _draw_fates(key, pedestrians):
+    uniform = jax.random.uniform(key, (5, pedestrians))
+    return Fate(
+        first=uniform[0], message=uniform[1], compliance=uniform[2],
+        reply_delay=(3 * uniform[3]).astype(jnp.int32), commit_delay=2 + (3 * uniform[4]).astype(jnp.int32),
+    )  # fmt: skip

@@ -1,0 +1,337 @@
+"""What the world is made of: parameters, state, action, observation, outcome.
+
+Every type here is a pytree of scalars for *one* episode; ``vmap`` adds the batch. ``P`` is the number of pedestrians
+of the world, ``K = min(nearest, P)`` the number that is observed, ``B`` the number of laser beams. Lengths are metres,
+times seconds, angles radians counter-clockwise; the robot frame has x forward and y left.
+"""
+
+import dataclasses
+from typing import Literal
+
+import chex
+import jax
+
+# What the robot may ask of a pedestrian, and what a pedestrian may ask of the robot (PAPER.md section 6).
+REQUESTS = ("none", "stop", "margin-right", "margin-left")
+MESSAGES = ("silence", "robot stop", "robot right", "robot left")
+REPLIES = ("none", "agrees", "refuses")
+NONE, STOP, RIGHT, LEFT = range(4)
+AGREES, REFUSES = 1, 2
+
+OBSERVATION_PARTS = ("scan", "pedestrians", "dialogue", "sensor_map", "pedestrian_map")
+
+
+@dataclasses.dataclass(frozen=True)
+class WorldConfig:
+    """Sizes and switches of a world: static under ``jit`` and hashable. Every float that may vary is in `Params`.
+
+    scenes:             names of the scenes of which each episode draws one.
+    pedestrians:        P, pedestrians in every episode.
+    nearest:            the most pedestrians that are observed, nearest first.
+    beams:              B, laser beams over [-pi/2, pi/2].
+    observation:        the parts to sense besides pose and twist, of ``OBSERVATION_PARTS``.
+    scan_noise:         draw range noise and dropouts; off saves one random word a beam.
+    hearing:            whether the robot hears; a deaf one observes silence although pedestrians commit all the same.
+    reward:             "code": the authors' code; "text": their paper's text (every term each step, closeness at arrival).
+    swept_collisions:   test contact over the whole step; False tests the end of the step only.
+    wall_neighbors:     walls a pedestrian avoids at once, nearest first.
+    max_neighbors:      other pedestrians a pedestrian avoids at once, nearest first.
+    """
+
+    scenes: tuple[str, ...] = ("square", "hallway", "crosswalk")
+    pedestrians: int = 1
+    nearest: int = 4
+    beams: int = 180
+    observation: tuple[str, ...] = ("scan", "pedestrians", "dialogue")
+    scan_noise: bool = False
+    hearing: bool = True
+    reward: Literal["code", "text"] = "code"
+    swept_collisions: bool = True
+    wall_neighbors: int = 4
+    max_neighbors: int = 10
+
+    def __post_init__(self):
+        for name, least in (("pedestrians", 1), ("nearest", 1), ("beams", 2), ("wall_neighbors", 1), ("max_neighbors", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise ValueError(f"world.{name} is {value!r}: give a whole number of at least {least}")
+        for part in self.observation:
+            if part not in OBSERVATION_PARTS:
+                raise ValueError(f"world.observation names {part!r}: choose from {', '.join(OBSERVATION_PARTS)}")
+        if self.reward not in ("code", "text"):
+            raise ValueError(f"world.reward is {self.reward!r}: choose code or text")
+        if not self.scenes:
+            raise ValueError("world.scenes is empty: name at least one scene")
+
+
+@chex.dataclass(frozen=True)
+class Params:
+    """Every float of the world: leaves, so that ``vmap`` over them is domain randomisation.
+
+    Sources are sections of PAPER.md; `jaxnav.world.env.check_params` says which ranges are allowed.
+    """
+
+    # Time, robot and episode (section 1)
+    dt: float = 0.4
+    max_v: float = 0.6
+    max_w: float = 0.9
+    robot_radius: float = 0.17
+    goal_tolerance: float = 0.3
+    max_steps: float = 100.0
+    # Laser (section 3)
+    scan_range: float = 12.0
+    scan_noise_std: float = 0.01
+    scan_dropout: float = 0.01
+    # Pedestrians (section 7)
+    body_radius: float = 0.1
+    preferred_speed: float = 0.5
+    max_speed: float = 0.5
+    awareness: float = 0.5
+    neighbor_distance: float = 0.5
+    time_horizon: float = 5.0
+    time_horizon_walls: float = 1.0
+    # Dialogue (section 6)
+    encounter_distance: float = 3.0
+    encounter_clearance: float = 1.0
+    encounter_horizon: float = 5.0
+    p_pedestrian_first: float = 0.5
+    compliance: float = 1.0
+    obey_steps: float = 10.0
+    message_exceptions: float = 0.2
+    passing_clearance: float = 1.0
+    small_talk: float = 0.0
+    # Reward (section 8)
+    reward_arrival: float = 500.0
+    reward_collision: float = -500.0
+    reward_progress: float = 200.0
+    reward_step: float = -5.0
+    reward_closeness: float = -50.0
+    safe_distance: float = 1.0
+    reward_request: float = 20.0
+    reward_response: float = 4.0
+    comfort_distance: float = 0.5
+
+
+@chex.dataclass(frozen=True)
+class Action:
+    """twist: `[2]` in [-1, 1], scaled to [0, max_v] and [-max_w, max_w]; code: int, an index into `REQUESTS`."""
+
+    twist: jax.Array
+    code: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Walls:
+    """Closed polygon chains drawn with one pen: wall i joins vertex i to vertex i + 1 where ``solid[i]``.
+
+    x, y: `[W + 1]` vertices; solid: `[W]`, False where the pen is lifted between two chains. Padding repeats the last
+    vertex. Free space lies to the left of every wall.
+    """
+
+    x: jax.Array
+    y: jax.Array
+    solid: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Robot:
+    """x, y, heading: pose; v, w: the twist of the last step; goal_x, goal_y; start_heading: heading at reset;
+    past: `[2, 3]` goal in the robot frame and turned angle at t - 2 and t - 1, zeros before the start."""
+
+    x: jax.Array
+    y: jax.Array
+    heading: jax.Array
+    v: jax.Array
+    w: jax.Array
+    goal_x: jax.Array
+    goal_y: jax.Array
+    start_heading: jax.Array
+    past: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Pedestrian:
+    """x, y, vx, vy: position and velocity; goal_x, goal_y: where it walks to. In `State` every field is `[P]`."""
+
+    x: jax.Array
+    y: jax.Array
+    vx: jax.Array
+    vy: jax.Array
+    goal_x: jax.Array
+    goal_y: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Fate:
+    """What chance decides of a pedestrian's one encounter, drawn at reset. In `State` every field is `[P]`.
+
+    first, message, compliance: uniform in [0, 1), compared with probabilities when they are needed;
+    reply_delay: 0-2 steps from request to reply; commit_delay: 2-4 steps from message to commitment.
+    """
+
+    first: jax.Array
+    message: jax.Array
+    compliance: jax.Array
+    reply_delay: jax.Array
+    commit_delay: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Encounter:
+    """Where the dialogue with a pedestrian stands. In `State` every field is `[P]`.
+
+    met: has opened this episode; is_open: the gate; pedestrian_first: the initiator; message, message_age: what it said
+    and for how many steps it has held; request, request_age, reply: what the robot asked, since when, and the answer;
+    utterance: uint32 for the wording, 0 when nothing is said; distance, grown: last distance and for how many steps it has grown; x, y, ux, uy: the pedestrian's line, frozen at
+    opening (a point and a unit vector); robot_x, robot_y, robot_ux, robot_uy: the robot's line toward its goal, likewise.
+    """
+
+    met: jax.Array
+    is_open: jax.Array
+    pedestrian_first: jax.Array
+    message: jax.Array
+    message_age: jax.Array
+    request: jax.Array
+    request_age: jax.Array
+    reply: jax.Array
+    utterance: jax.Array
+    distance: jax.Array
+    grown: jax.Array
+    x: jax.Array
+    y: jax.Array
+    ux: jax.Array
+    uy: jax.Array
+    robot_x: jax.Array
+    robot_y: jax.Array
+    robot_ux: jax.Array
+    robot_uy: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class State:
+    """One episode. t: steps taken; scene: index into ``WorldConfig.scenes``; seed: uint32 of the sensor noise;
+    min_distance: smallest surface distance to a pedestrian so far."""
+
+    t: jax.Array
+    scene: jax.Array
+    seed: jax.Array
+    robot: Robot
+    pedestrians: Pedestrian
+    fates: Fate
+    encounters: Encounter
+    min_distance: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class SeenPedestrian:
+    """What `observe` reads of one pedestrian and its encounter. In `Snapshot` every field is `[P]`."""
+
+    x: jax.Array
+    y: jax.Array
+    vx: jax.Array
+    vy: jax.Array
+    is_open: jax.Array
+    pedestrian_first: jax.Array
+    message: jax.Array
+    message_age: jax.Array
+    request: jax.Array
+    request_age: jax.Array
+    reply: jax.Array
+    utterance: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Snapshot:
+    """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
+
+    92 bytes with one pedestrian, 27 more for each further one. turned: start heading - heading; past: as in `Robot`.
+    """
+
+    t: jax.Array
+    scene: jax.Array
+    seed: jax.Array
+    x: jax.Array
+    y: jax.Array
+    heading: jax.Array
+    v: jax.Array
+    w: jax.Array
+    goal_x: jax.Array
+    goal_y: jax.Array
+    turned: jax.Array
+    past: jax.Array
+    pedestrians: SeenPedestrian
+
+
+@chex.dataclass(frozen=True)
+class ObservedDialogue:
+    """The dialogue with each observed pedestrian, `[K]` int32 each, `utterance` uint32; all zero while silent."""
+
+    is_open: jax.Array
+    pedestrian_first: jax.Array
+    message: jax.Array
+    message_age: jax.Array
+    request: jax.Array
+    request_age: jax.Array
+    reply: jax.Array
+    utterance: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Observation:
+    """What the robot senses. Parts that ``WorldConfig.observation`` leaves out are None.
+
+    pose:            `[3, 3]` goal x, goal y in the robot frame and turned angle at t - 2, t - 1, t.
+    twist:           `[2]` own v and w of the last step.
+    may_request:     bool, whether a code other than none counts now.
+    scan:            `[B]` ranges, ``scan_range`` where nothing is hit.
+    pedestrians:     `[K, 4]` x, y, vx, vy in the robot frame, robot velocity not subtracted; nearest first.
+    dialogue:        `ObservedDialogue` in the same order.
+    sensor_map:      `[48, 48]` grid around the robot: free 1, unknown 200 / 255, robot 100 / 255, hit 0.
+    pedestrian_map:  `[3, 48, 48]` occupancy, vx, vy.
+    """
+
+    pose: jax.Array
+    twist: jax.Array
+    may_request: jax.Array
+    scan: jax.Array | None = None
+    pedestrians: jax.Array | None = None
+    dialogue: ObservedDialogue | None = None
+    sensor_map: jax.Array | None = None
+    pedestrian_map: jax.Array | None = None
+
+
+@chex.dataclass(frozen=True)
+class RewardTerms:
+    """The parts of a step's reward; they add up to it.
+
+    goal: arrival or collision; shaping: progress toward the goal; step: the cost of time; closeness: near pedestrians;
+    request: for a request that fits; response: for doing what was asked.
+    """
+
+    goal: jax.Array
+    shaping: jax.Array
+    step: jax.Array
+    closeness: jax.Array
+    request: jax.Array
+    response: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Outcome:
+    """What a step led to.
+
+    reward; reward_terms; terminated: arrival or collision; truncated: out of time, neither of the two;
+    arrived, collided, hit_pedestrian (<= collided): the events; requested: the code that counted as a request in this
+    step; pedestrian_distance: smallest surface distance to a pedestrian within the step; goal_distance: at its end.
+    """
+
+    reward: jax.Array
+    reward_terms: RewardTerms
+    terminated: jax.Array
+    truncated: jax.Array
+    arrived: jax.Array
+    collided: jax.Array
+    hit_pedestrian: jax.Array
+    requested: jax.Array
+    pedestrian_distance: jax.Array
+    goal_distance: jax.Array
