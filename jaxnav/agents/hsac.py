@@ -1,0 +1,232 @@
+"""Hybrid soft actor-critic: a twist and a code from one policy (Delalleau et al. 2019, "Discrete and continuous action
+representation for practical RL in video games"; PAPER.md section 5).
+
+Everything is a pure function of explicit state. Floats that one may want to vary between the members of a population
+are leaves of `Hyperparameters`; `HSACConfig` holds sizes.
+"""
+
+import dataclasses
+
+import chex
+import jax
+import jax.numpy as jnp
+import optax
+
+from ..world import Action, Snapshot
+from ..world.types import REQUESTS
+from .distributions import code_log_probabilities, entropy, sample_twist
+from .networks import ENCODERS, Actor, TwinCritic
+
+
+@dataclasses.dataclass(frozen=True)
+class HSACConfig:
+    """encoder: how observations become features; actor_widths, critic_widths: hidden layers; batch: transitions an
+    update; updates_per_step: updates after each step of all episodes; huber_delta: where the critic loss turns linear."""
+
+    encoder: str = "lidar"
+    actor_widths: tuple[int, ...] = (128, 128)
+    critic_widths: tuple[int, ...] = (128, 128)
+    batch: int = 512
+    updates_per_step: int = 8
+    huber_delta: float = 2.0
+
+    def __post_init__(self):
+        if self.encoder not in ENCODERS:
+            raise ValueError(f"agent.encoder {self.encoder!r} is unknown: choose from {', '.join(ENCODERS)}")
+        for name in ("batch", "updates_per_step"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"agent.{name} is {value!r}: give a whole number of at least 1")
+        for name in ("actor_widths", "critic_widths"):
+            widths = getattr(self, name)
+            if not widths or any(width < 1 for width in widths):
+                raise ValueError(f"agent.{name} is {widths!r}: give at least one width, each at least 1")
+        if not self.huber_delta > 0:
+            raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
+
+
+@chex.dataclass(frozen=True)
+class Hyperparameters:
+    """Floats of the learner, leaves for ``vmap``.
+
+    target_entropy_twist: nats, of the twist in [-1, 1]^2; target_entropy_code: fraction of log(number of codes), where
+    codes count; final_lr: fraction of the learning rates that is left at the end of training (linear decay).
+    """
+
+    actor_lr: float = 1e-3
+    critic_lr: float = 1e-3
+    temperature_lr: float = 3e-3
+    final_lr: float = 0.1
+    discount: float = 0.97
+    tau: float = 0.01
+    target_entropy_twist: float = -2.0
+    target_entropy_code: float = 0.36
+    initial_temperature: float = 0.05
+    reward_scale: float = 0.01
+
+
+@chex.dataclass(frozen=True)
+class Transition:
+    """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; code;
+    reward; terminated: True ends the return, a time-out does not."""
+
+    snapshot: Snapshot
+    next_snapshot: Snapshot
+    twist: jax.Array
+    code: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Batch:
+    """What an update learns from, `[batch, ...]`: a `Transition` with its snapshots rendered."""
+
+    observation: chex.ArrayTree
+    next_observation: chex.ArrayTree
+    twist: jax.Array
+    code: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class LearnerState:
+    """Parameters of actor, critics and target critics, log temperatures, and the state of their optimisers."""
+
+    actor: chex.ArrayTree
+    critic: chex.ArrayTree
+    target_critic: chex.ArrayTree
+    log_temperatures: dict
+    actor_optimiser: chex.ArrayTree
+    critic_optimiser: chex.ArrayTree
+    temperature_optimiser: chex.ArrayTree
+
+
+_CODES = len(REQUESTS)
+_ADAM = optax.scale_by_adam()
+_LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
+
+
+class HSAC:
+    """The bundle of pure functions: `init`, `act`, `update`."""
+
+    def __init__(self, config: HSACConfig = HSACConfig()):
+        self.config = config
+        self.actor = Actor(config.actor_widths)
+        self.critic = TwinCritic(config.critic_widths)
+
+    def init(self, key, observation, hyper: Hyperparameters) -> LearnerState:
+        """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
+        key_actor, key_critic = jax.random.split(key)
+        actor = self.actor.init(key_actor, observation)
+        critic = self.critic.init(key_critic, observation, jnp.zeros(2))
+        log_temperatures = {name: jnp.log(jnp.float32(hyper.initial_temperature)) for name in ("twist", "code")}
+        return LearnerState(
+            actor=actor,
+            critic=critic,
+            target_critic=jax.tree.map(jnp.copy, critic),
+            log_temperatures=log_temperatures,
+            actor_optimiser=_ADAM.init(actor),
+            critic_optimiser=_ADAM.init(critic),
+            temperature_optimiser=_ADAM.init(log_temperatures),
+        )
+
+    def act(self, key, actor, observation) -> Action:
+        """Sample an action for each observation `[..., ...]`; a code that would not count is none."""
+        key_twist, key_code = jax.random.split(key)
+        mean, log_std, logits = self.actor.apply(actor, observation)
+        twist, _ = sample_twist(key_twist, mean, log_std)
+        code = jax.random.categorical(key_code, code_log_probabilities(logits, observation.may_request))
+        return Action(twist=twist, code=code.astype(jnp.int32))
+
+    def best_action(self, actor, observation, voice=True) -> Action:
+        """Mean twist and most probable code; without ``voice`` the code is none."""
+        mean, _, logits = self.actor.apply(actor, observation)
+        log_p = code_log_probabilities(logits, observation.may_request & voice)
+        return Action(twist=jnp.tanh(mean), code=jnp.argmax(log_p, axis=-1).astype(jnp.int32))
+
+    def update(self, key, state: LearnerState, batch: Batch, hyper: Hyperparameters, lr_scale=1.0):
+        """One step on critics, actor and temperatures. Returns (state, metrics). ``lr_scale`` multiplies every rate."""
+        key_critic, key_actor = jax.random.split(key)
+        temperatures = jax.tree.map(jnp.exp, state.log_temperatures)
+
+        target = self._target(key_critic, state, batch, temperatures, hyper)
+        (critic_loss, q), gradient = jax.value_and_grad(self._critic_loss, has_aux=True)(state.critic, batch, target)
+        step, critic_optimiser = _ADAM.update(gradient, state.critic_optimiser)
+        critic = _descend(state.critic, step, hyper.critic_lr * lr_scale)
+
+        (actor_loss, entropies), gradient = jax.value_and_grad(self._actor_loss, has_aux=True)(
+            state.actor, key_actor, critic, batch, temperatures
+        )
+        step, actor_optimiser = _ADAM.update(gradient, state.actor_optimiser)
+        actor = _descend(state.actor, step, hyper.actor_lr * lr_scale)
+
+        # d/d log alpha of alpha (H - target): too little entropy raises the temperature.
+        targets = {"twist": hyper.target_entropy_twist, "code": hyper.target_entropy_code * jnp.log(_CODES)}
+        spoke = entropies["counted"] > 0
+        gradient = {name: temperatures[name] * (entropies[name] - targets[name]) for name in targets}
+        gradient["code"] = jnp.where(spoke, gradient["code"], 0.0)
+        step, temperature_optimiser = _ADAM.update(gradient, state.temperature_optimiser)
+        log_temperatures = jax.tree.map(
+            lambda leaf: jnp.clip(leaf, *_LOG_TEMPERATURE_RANGE),
+            _descend(state.log_temperatures, step, hyper.temperature_lr * lr_scale),
+        )
+        new = LearnerState(
+            actor=actor,
+            critic=critic,
+            target_critic=optax.incremental_update(critic, state.target_critic, hyper.tau),
+            log_temperatures=log_temperatures,
+            actor_optimiser=actor_optimiser,
+            critic_optimiser=critic_optimiser,
+            temperature_optimiser=temperature_optimiser,
+        )
+        metrics = {
+            "critic_loss": critic_loss, "actor_loss": actor_loss, "q": q,
+            "twist_entropy": entropies["twist"], "code_entropy": entropies["code"],
+            "twist_temperature": temperatures["twist"], "code_temperature": temperatures["code"],
+        }  # fmt: skip
+        return new, metrics
+
+    def _target(self, key, state, batch, temperatures, hyper):
+        """Soft Bellman target `[batch]`: r + discount (1 - terminated) V(s')."""
+        mean, log_std, logits = self.actor.apply(state.actor, batch.next_observation)
+        log_p = code_log_probabilities(logits, batch.next_observation.may_request)
+        twist, log_density = sample_twist(key, mean, log_std)
+        q = self.critic.apply(state.target_critic, batch.next_observation, twist).min(axis=0)
+        value = soft_value(q, log_density, log_p, batch.next_observation.may_request, temperatures)
+        return hyper.reward_scale * batch.reward + hyper.discount * (1.0 - batch.terminated) * value
+
+    def _critic_loss(self, critic, batch, target):
+        q = self.critic.apply(critic, batch.observation, batch.twist)
+        chosen = jnp.take_along_axis(q, batch.code[None, :, None], axis=-1)[..., 0]
+        loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
+        return jnp.sum(jnp.mean(loss, axis=1)), jnp.mean(chosen)
+
+    def _actor_loss(self, actor, key, critic, batch, temperatures):
+        """-V(s) with every sample reparameterised and the code's probabilities not detached."""
+        mean, log_std, logits = self.actor.apply(actor, batch.observation)
+        counts = batch.observation.may_request
+        log_p = code_log_probabilities(logits, counts)
+        twist, log_density = sample_twist(key, mean, log_std)
+        q = self.critic.apply(critic, batch.observation, twist).min(axis=0)
+        loss = -jnp.mean(soft_value(q, log_density, log_p, counts, temperatures))
+        counted = jnp.sum(counts)
+        code_entropy = jnp.sum(jnp.where(counts, entropy(log_p), 0.0)) / jnp.maximum(counted, 1)
+        entropies = {"twist": -jnp.mean(log_density), "code": code_entropy, "counted": counted}
+        return loss, jax.lax.stop_gradient(entropies)
+
+
+def soft_value(q, log_density, log_p, counts, temperatures):
+    """V(s) `[...]` = sum_k p_k Q_k - alpha_twist log pi(twist) + alpha_code (H(p) - log n).
+
+    q, log_p: `[..., codes]`; counts: where a code counts, n is the number of codes there and 1 elsewhere. Subtracting
+    log n keeps the discrete bonus from paying for staying alive.
+    """
+    bonus = jnp.where(counts, entropy(log_p) - jnp.log(_CODES), 0.0)
+    expected = jnp.sum(jnp.exp(log_p) * q, axis=-1)
+    return expected - temperatures["twist"] * log_density + temperatures["code"] * bonus
+
+
+def _descend(params, step, lr):
+    return jax.tree.map(lambda leaf, change: leaf - lr * change, params, step)
