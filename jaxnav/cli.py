@@ -1,0 +1,317 @@
+"""The command line: jaxnav train | evaluate | render."""
+
+import time
+
+_STARTED = time.monotonic()  # training time counts from the start of the process, imports included
+
+import contextlib  # noqa: E402
+import dataclasses  # noqa: E402
+import io  # noqa: E402
+import itertools  # noqa: E402
+import json  # noqa: E402
+import os  # noqa: E402
+import pathlib  # noqa: E402
+import re  # noqa: E402
+import sys  # noqa: E402
+from collections.abc import Callable  # noqa: E402
+from typing import Annotated  # noqa: E402
+
+import tyro  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from .errors import UserError  # noqa: E402
+
+_HELP = """jaxnav: a 2D world of pedestrians, and a robot in it that learns to steer and to talk.
+
+usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
+
+  train            train a robot, evaluate it and draw it; without options: the quick preset, CPU minutes
+  evaluate RUN     play a run's policy again: more episodes, other seeds
+  render RUN       draw a run's pictures again
+
+  jaxnav train --preset lidar --seed 1             longer, best quality
+  jaxnav train --scene hallway --out runs/hall     one scene
+  jaxnav train --resume --out runs/quick-0         go on after an interruption
+  jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
+"""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of the console script. Exits with 2 after an error that the user can mend."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    commands = {"train": _train, "evaluate": _evaluate, "render": _render}
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(_HELP, end="")
+        sys.exit(0 if arguments else 2)
+    if arguments[0] == "--version":
+        from importlib.metadata import version
+
+        print(version("jaxnav"))
+        return
+    if arguments[0] not in commands:
+        _fail(f"command {arguments[0]!r} is unknown: choose from {', '.join(commands)}")
+    try:
+        commands[arguments[0]](arguments[1:])
+    except UserError as error:
+        _fail(str(error))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+def _fail(message):
+    print(f"error: {message}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _train(arguments):
+    from .training.config import PRESETS, RunConfig, resolve
+    from .training.run import Interrupted, Run
+
+    preset = _option(arguments, "--preset") or "quick"
+    if preset not in PRESETS:
+        raise UserError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
+    config = resolve(_parse(RunConfig, arguments, "train", "Train a robot.", default=PRESETS[preset]))
+    _enable_compilation_cache()
+    run = Run(config)
+    run.prepare_folder()
+    console = Console(stderr=True)
+    console.print(f"training in {run.folder} (preset {config.preset}, seed {config.seed}); the first chunk compiles")
+    with _training_progress(config, console) as report:
+        try:
+            progress = run.train(report, _STARTED)
+        except Interrupted as stop:
+            console.print(f"\nstopped and saved; go on with the same command and --resume --out {run.folder}")
+            sys.exit(128 + stop.signal)
+    actor = run.actor(progress, "last")
+    with console.status("evaluating"):
+        result = run.evaluator.evaluate(actor, "last", 500, config.seed)
+    run.write_json("evaluation.json", result)
+    _print_result(Console(), result)
+    with console.status("drawing"):
+        _draw(run, actor, config.seed)
+    names = ("evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl", "config.json")
+    Console().print(
+        f"trained in {run.metrics()[-1]['wall_seconds']:.0f} s; everything is in {run.folder}/: {', '.join(names)}",
+        soft_wrap=True,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _EvaluateOptions:
+    """Play a run's policy: the seven metrics of each scene, with 95 % Wilson intervals.
+
+    Args:
+        run: the run's folder.
+        episodes: in each scene.
+        seed: of the episodes.
+        scene: all, or one scene of the run.
+        policy: last, or best: the one with the best evaluation during training.
+        json: print one JSON object instead of a table.
+    """
+
+    run: Annotated[str, tyro.conf.Positional]
+    episodes: int = 500
+    seed: int = 0
+    scene: str = "all"
+    policy: str = "last"
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+
+
+def _evaluate(arguments):
+    from .training.run import Run
+
+    options = _parse(_EvaluateOptions, arguments, "evaluate")
+    if not 1 <= options.episodes <= 1_000_000:
+        raise UserError(f"--episodes is {options.episodes}: give a whole number from 1 to 1000000")
+    _check_seed(options.seed)
+    _check_policy(options.policy)
+    _enable_compilation_cache()
+    run = Run.open(options.run)
+    scenes = [scene.name for scene in run.world.scenes]
+    if options.scene not in ("all", *scenes):
+        raise UserError(f"--scene {options.scene!r} is not in this run: choose all or one of {', '.join(scenes)}")
+    actor = run.actor(run.restore(), options.policy)
+    with Console(stderr=True).status("evaluating"):
+        result = run.evaluator.evaluate(actor, options.policy, options.episodes, options.seed)
+    if options.scene != "all":
+        result["scenes"] = {options.scene: result["scenes"][options.scene]}
+    if options.json:
+        print(json.dumps(result))
+    else:
+        _print_result(Console(), result)
+
+
+@dataclasses.dataclass(frozen=True)
+class _RenderOptions:
+    """Draw a run's pictures again: trajectories.png, episode.gif, learning_curve.png.
+
+    Args:
+        run: the run's folder.
+        seed: of the episodes.
+        policy: last, or best: the one with the best evaluation during training.
+    """
+
+    run: Annotated[str, tyro.conf.Positional]
+    seed: int = 0
+    policy: str = "last"
+
+
+def _render(arguments):
+    from .training.run import Run
+
+    options = _parse(_RenderOptions, arguments, "render")
+    _check_seed(options.seed)
+    _check_policy(options.policy)
+    _enable_compilation_cache()
+    run = Run.open(options.run)
+    actor = run.actor(run.restore(), options.policy)
+    with Console(stderr=True).status("drawing"):
+        paths = _draw(run, actor, options.seed)
+    print("\n".join(str(path) for path in paths))
+
+
+def _draw(run, actor, seed):
+    """Draw trajectories.png, episode.gif and learning_curve.png; returns their paths."""
+    from .render import figures, frames
+
+    episodes = run.record(actor, 100, seed)
+    paths = [run.folder / name for name in ("trajectories.png", "episode.gif", "learning_curve.png")]
+    try:
+        figures.trajectories(run.world, episodes, paths[0])
+        frames.animate(run.world, run.params, _worth_watching(episodes), paths[1])
+        figures.learning_curve(run.metrics(), paths[2])
+    except OSError as error:
+        raise UserError(f"{run.folder} can't take the pictures ({error.strerror}): free some space") from error
+    return paths
+
+
+def _worth_watching(episodes):
+    """An episode of each scene in which something is said, the robot and the pedestrian taking turns to begin."""
+    chosen = []
+    for i, scene in enumerate(dict.fromkeys(episode.scene for episode in episodes)):
+        of_scene = [episode for episode in episodes if episode.scene == scene]
+        talks = [
+            [e for e in of_scene if e.outcomes.requested.any()],
+            [e for e in of_scene if e.states.encounters.message.any()],
+        ]
+        chosen.append((talks[i % 2] or talks[1 - i % 2] or of_scene)[0])
+    return chosen
+
+
+def _parse(cls, arguments, command, description=None, default=tyro.MISSING_NONPROP):
+    """``cls`` from the command line; what tyro would say in a box of many lines is a `UserError` of one."""
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            return tyro.cli(cls, args=arguments, prog=f"jaxnav {command}", description=description, default=default)
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        lines = [line.strip("│ \n") for line in complaint.getvalue().splitlines() if line.startswith("│")]
+        text = " ".join(itertools.takewhile(lambda line: not line.startswith("──"), lines))
+        text = re.sub(r"^Error parsing (?:(?!--)\S+: )?", "", text) or complaint.getvalue().strip()
+        raise UserError(f"{text} (jaxnav {command} --help lists the options)") from None
+
+
+def _option(arguments, name):
+    """The value of an option that has to be known before the others are parsed."""
+    for i, argument in enumerate(arguments):
+        if argument == name and i + 1 < len(arguments):
+            return arguments[i + 1]
+        if argument.startswith(name + "="):
+            return argument[len(name) + 1 :]
+    return None
+
+
+def _check_seed(seed):
+    if not 0 <= seed < 2**32:
+        raise UserError(f"--seed is {seed}: give a whole number from 0 to {2**32 - 1}")
+
+
+def _check_policy(policy):
+    if policy not in ("last", "best"):
+        raise UserError(f"--policy {policy!r} is unknown: choose last or best")
+
+
+def _enable_compilation_cache():
+    """Keep compiled programs between processes, where JAX_COMPILATION_CACHE_DIR or the user's cache folder says."""
+    import jax
+
+    home = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
+    if jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(home / "jaxnav" / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+@contextlib.contextmanager
+def _training_progress(config, console):
+    """Yields the function that shows a line of metrics: a bar on a terminal, else a line an evaluation."""
+    total = config.train.total_steps * config.train.episodes
+    with contextlib.ExitStack() as stack:
+        show: Callable
+        if console.is_terminal:
+            bar = stack.enter_context(
+                Progress(
+                    TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"),
+                    TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=console,
+                )
+            )  # fmt: skip
+            task = bar.add_task("training", total=total, state="compiling")
+
+            def show(line):
+                bar.update(task, completed=line["env_steps"], state=_progress_text(line))
+        else:
+
+            def show(line):
+                if "evaluation" in line:
+                    left = (total / line["env_steps"] - 1.0) * line["wall_seconds"]
+                    console.print(
+                        f"{line['env_steps'] / total:4.0%}  {_progress_text(line)}, {left:.0f} s left",
+                        soft_wrap=True,
+                    )
+
+        yield show
+
+
+def _progress_text(line):
+    success = line.get("evaluation") or line["success"]
+    shares = ", ".join(f"{scene} {'-' if rate is None else f'{rate:.3f}'}" for scene, rate in success.items())
+    return f"{line['env_steps'] / 1000:.0f}k steps, {line['updates']} updates, success {shares}"
+
+
+def _print_result(console, result):
+    """The evaluation as a table: a column a scene."""
+    table = Table(title=f"{result['policy']} policy, {result['episodes']} episodes a scene, seed {result['seed']}")
+    table.add_column("")
+    for name in result["scenes"]:
+        table.add_column(name, justify="right")
+    codes = next(iter(result["scenes"].values()))["requests"]
+    rows = {
+        "success": lambda m: f"{m['success']:.3f}",
+        "  95 % interval": lambda m: "{:.3f} - {:.3f}".format(*m["success_ci95"]),
+        "collision": lambda m: f"{m['collision']:.3f}",
+        "  with a pedestrian": lambda m: f"{m['human_collision']:.3f}",
+        "time-out": lambda m: f"{m['timeout']:.3f}",
+        "steps": lambda m: _number(m["steps"], 1),
+        "minimum distance (m)": lambda m: _number(m["min_distance"], 2),
+        "comfort space kept": lambda m: f"{m['comfort']:.3f}",
+        "straight line: success": lambda m: f"{m['straight_line_success']:.3f}",
+        "muted: success": lambda m: f"{m['muted_success']:.3f}",
+        "muted: minimum distance (m)": lambda m: _number(m["muted_min_distance"], 2),
+        **{f"asked: {code}": lambda m, code=code: f"{m['requests'][code]:.3f}" for code in codes},
+        "pedestrian complied": lambda m: _number(m["complied"], 3),
+    }
+    for label, cell in rows.items():
+        table.add_row(label, *(cell(metrics) for metrics in result["scenes"].values()))
+    console.print(table)
+
+
+def _number(value, digits):
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Checkpoints: all that training goes on from, and its configuration, saved whole or not at all. The only user of Orbax."""
+
+import json
+import logging
+import pathlib
+
+import jax
+import orbax.checkpoint as ocp
+
+from ..errors import UserError
+from .config import differences
+
+# Orbax tells of every save; a run's own progress line does that.
+logging.getLogger("absl").setLevel(logging.ERROR)
+
+
+class Checkpoints:
+    """The checkpoints in ``folder``; the two newest are kept."""
+
+    def __init__(self, folder: pathlib.Path):
+        self.folder = folder.resolve()
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=2, create=False, enable_async_checkpointing=False, step_prefix="step"
+        )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._manager = ocp.CheckpointManager(self.folder, options=options)
+
+    def save(self, step, state, meta):
+        """Save after env step ``step``; UserError if it can't be written, older checkpoints are kept."""
+        key_impl = next(str(jax.random.key_impl(leaf)) for leaf in jax.tree.leaves(state) if _is_key(leaf))
+        arguments = ocp.args.Composite(
+            state=ocp.args.StandardSave(_plain(state)), meta=ocp.args.JsonSave(meta | {"key_impl": key_impl})
+        )
+        try:
+            self._manager.save(step, args=arguments, force=True)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise UserError(
+                f"{self.folder} could not take the checkpoint of step {step} ({_first_line(error)}): "
+                f"free some space, then go on with --resume"
+            ) from error
+
+    def latest_step(self):
+        """The newest step saved, or None."""
+        return self._manager.latest_step()
+
+    def restore(self, like, config):
+        """(state, meta) of the newest checkpoint. like: its shapes; config: the run's, as JSON.
+
+        UserError: none there, damaged, or of another configuration.
+        """
+        step = self.latest_step()
+        if step is None:
+            raise UserError(f"{self.folder} holds no checkpoint: train first, or leave out --resume")
+        where = self.folder / f"step_{step}"
+        damaged = UserError(f"{where} is damaged: delete it to fall back to the one before, or train anew")
+        try:
+            meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
+            changed = differences(meta["config"], config)
+        except (OSError, ValueError, KeyError, TypeError, json.JSONDecodeError) as error:
+            raise damaged from error
+        if changed:
+            raise UserError(
+                f"{where} is from another configuration ({', '.join(changed)} differ): "
+                f"give the same values again, or another --out"
+            )
+        target = jax.eval_shape(_plain, like)
+        try:
+            arguments = ocp.args.Composite(state=ocp.args.StandardRestore(target))
+            state = self._manager.restore(step, args=arguments).state
+        except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+            raise damaged from error
+        return _typed(state, like, meta["key_impl"]), meta
+
+
+def _plain(tree):
+    """``tree`` as a flat dict of arrays by their path, typed random keys as their data."""
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return {
+        jax.tree_util.keystr(path): jax.random.key_data(leaf) if _is_key(leaf) else leaf for path, leaf in leaves
+    }
+
+
+def _typed(arrays, like, key_impl):
+    """The inverse of `_plain`, shaped like ``like``."""
+    leaves, treedef = jax.tree_util.tree_flatten_with_path(like)
+    restored = [
+        jax.random.wrap_key_data(arrays[name], impl=key_impl) if _is_key(model) else arrays[name]
+        for name, model in ((jax.tree_util.keystr(path), model) for path, model in leaves)
+    ]
+    return jax.tree.unflatten(treedef, restored)
+
+
+def _is_key(leaf):
+    return jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _first_line(error):
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]

@@ -1,0 +1,170 @@
+"""What a run is: every value with its default, the presets, and the way to a JSON file and back."""
+
+import dataclasses
+import types
+import typing
+from typing import Any
+
+import numpy as np
+
+from ..agents.hsac import HSACConfig, Hyperparameters
+from ..errors import UserError
+from ..world import SCENES, Params, World, WorldConfig, check_params
+
+ALGORITHMS = ("hsac",)
+
+
+@dataclasses.dataclass(frozen=True)
+class WorldSettings(WorldConfig):
+    __doc__ = WorldConfig.__doc__
+
+    params: Params = dataclasses.field(default_factory=Params)
+
+    def world(self) -> World:
+        """The `World` of these sizes."""
+        fields = dataclasses.fields(WorldConfig)
+        return World(WorldConfig(**{field.name: getattr(self, field.name) for field in fields}))
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """Sizes of the training loop.
+
+    Attributes:
+        episodes: played at once.
+        replay_rows: steps of all of them that replay keeps.
+        steps_per_chunk: steps between two lines of metrics.jsonl.
+        total_steps: when training ends, in steps of all episodes.
+        evaluate_every: chunks between two evaluations.
+        checkpoint_seconds: the most work a kill can cost.
+    """
+
+    episodes: int = 256
+    replay_rows: int = 400
+    steps_per_chunk: int = 25
+    total_steps: int = 1000
+    evaluate_every: int = 4
+    checkpoint_seconds: float = 60.0
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name == "checkpoint_seconds":
+                if not value >= 0:
+                    raise ValueError(f"train.checkpoint_seconds is {value!r}: give a number of at least 0")
+            elif not isinstance(value, int) or value < 1:
+                raise ValueError(f"train.{field.name} is {value!r}: give a whole number of at least 1")
+        if self.total_steps % self.steps_per_chunk:
+            raise ValueError(
+                f"train.total_steps is {self.total_steps}: give a multiple of "
+                f"train.steps_per_chunk, which is {self.steps_per_chunk}"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class RunConfig:
+    """A training run.
+
+    Attributes:
+        preset: where the defaults of all other values come from (quick: CPU minutes; lidar: longer, best quality).
+        algo: the learner.
+        scene: all, or the one scene to train and evaluate on.
+        seed: of everything random.
+        out: the run's folder; runs/PRESET-SEED if not given.
+        resume: go on with the run that the folder holds.
+        world: sizes, switches and floats of the world.
+        agent: sizes of the learner.
+        hyper: floats of the learner.
+        train: sizes of the training loop.
+    """
+
+    preset: str = "quick"
+    algo: str = "hsac"
+    scene: str = "all"
+    seed: int = 0
+    out: str = ""
+    resume: bool = False
+    world: WorldSettings = WorldSettings()
+    agent: HSACConfig = HSACConfig()
+    hyper: Hyperparameters = dataclasses.field(default_factory=Hyperparameters)
+    train: TrainConfig = TrainConfig()
+
+
+PRESETS = {
+    "quick": RunConfig(),
+    "lidar": RunConfig(
+        preset="lidar",
+        agent=HSACConfig(actor_widths=(256, 256), critic_widths=(256, 256)),
+        train=TrainConfig(replay_rows=1500, total_steps=3000, evaluate_every=10),
+    ),
+}
+
+
+def resolve(config: RunConfig) -> RunConfig:
+    """``config`` with scene and folder filled in, checked as a whole. UserError names the field and the remedy."""
+    if config.algo not in ALGORITHMS:
+        raise UserError(f"algo {config.algo!r} is unknown: choose from {', '.join(ALGORITHMS)}")
+    if config.scene != "all" and config.scene not in SCENES:
+        raise UserError(f"scene {config.scene!r} is unknown: choose all or one of {', '.join(SCENES)}")
+    if not 0 <= config.seed < 2**32:
+        raise UserError(f"seed is {config.seed}: give a whole number from 0 to {2**32 - 1}")
+    world = config.world if config.scene == "all" else dataclasses.replace(config.world, scenes=(config.scene,))
+    missing = {"scan", "pedestrians", "dialogue"} - set(world.observation)
+    if missing:
+        raise UserError(f"world.observation lacks {', '.join(sorted(missing))}: the lidar encoder needs it")
+    try:
+        check_params(world.params)
+        world.world()
+        check_hyperparameters(config.hyper)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    out = config.out or f"runs/{config.preset}-{config.seed}"
+    return dataclasses.replace(config, world=world, out=out)
+
+
+def check_hyperparameters(hyper):
+    """Raise ValueError naming the first hyperparameter that is not finite or out of its range."""
+    for name, value in hyper.items():
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"hyper.{name} is {value}: give a finite number")
+        if name.endswith("_lr") and np.any(np.asarray(value) < 0):
+            raise ValueError(f"hyper.{name} is {value}: give a number of at least 0")
+    for name in ("discount", "tau", "final_lr", "target_entropy_code"):
+        if not np.all((np.asarray(hyper[name]) >= 0) & (np.asarray(hyper[name]) <= 1)):
+            raise ValueError(f"hyper.{name} is {hyper[name]}: give a number from 0 to 1")
+    if not np.all(np.asarray(hyper["initial_temperature"]) > 0):
+        raise ValueError(f"hyper.initial_temperature is {hyper['initial_temperature']}: give a number above 0")
+
+
+def to_json(value) -> Any:
+    """A dataclass as nested dicts and lists."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        return [to_json(item) for item in value]
+    return value
+
+
+def from_json(cls, data):
+    """The dataclass ``cls`` from what `to_json` made of it; ValueError names a field that is missing or unknown."""
+    hints = typing.get_type_hints(cls)
+    fields = {field.name for field in dataclasses.fields(cls)}
+    for name in fields ^ set(data):
+        raise ValueError(f"field {name} is {'missing' if name in fields else 'unknown'}")
+    values = {}
+    for name, item in data.items():
+        hint = hints[name]
+        if dataclasses.is_dataclass(hint):
+            item = from_json(hint, item)
+        elif typing.get_origin(hint) is tuple and not isinstance(hint, types.UnionType):
+            item = tuple(item)
+        values[name] = item
+    return cls(**values)
+
+
+def differences(old, new, prefix=""):
+    """Dotted names of the fields in which two results of `to_json` differ."""
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return [] if old == new else [prefix]
+    names = sorted(old.keys() | new.keys())
+    return [d for name in names for d in differences(old.get(name), new.get(name), f"{prefix}.{name}".lstrip("."))]
