@@ -1,0 +1,1 @@
+"""Pictures of episodes and runs: `frames` with OpenCV, `figures` with matplotlib."""

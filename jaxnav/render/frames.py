@@ -1,0 +1,304 @@
+"""Frames of an episode, drawn with OpenCV, and the animation made of them."""
+
+import dataclasses
+import functools
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+from PIL import Image
+
+from ..world import lidar
+from . import palette
+from .lettering import text_width, write
+from .words import captions, ending, scene_title
+
+SIZE = (640, 560)  # pixels: width, height
+_SHIFT = 4  # fractional bits of OpenCV's coordinates: anti-aliased shapes move by a sixteenth of a pixel
+_MARGIN = 0.25  # metres around the outermost walls
+_BAND = 0.155  # height of the caption band as a share of the frame's
+_SPEED_UP = 2.0  # of the animation, against the robot's own time
+_HOLD = 1000  # milliseconds for which the last frame of an episode stays
+_PALETTE_SIZE = 256
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """Where a scene lies in a frame: ``scale`` pixels a metre; (left, top) is the pixel of (x, y) = (0, 0)."""
+
+    scale: float
+    left: float
+    top: float
+
+    @classmethod
+    def of(cls, scene, size=SIZE):
+        """The view that fits a `Scene` above the caption band, centred; size: (width, height) of the frame."""
+        corners = np.concatenate([np.array(chain) for chain in scene.chains])
+        low, high = corners.min(axis=0) - _MARGIN, corners.max(axis=0) + _MARGIN
+        width, height = size[0], size[1] - _band_height(size)
+        scale = min(width / (high[0] - low[0]), height / (high[1] - low[1]))
+        middle = (low + high) / 2
+        return cls(float(scale), float(width / 2 - scale * middle[0]), float(height / 2 + scale * middle[1]))
+
+    def pixels(self, x, y):
+        """World coordinates (any shape) -> pixel coordinates `[..., 2]` (column, row), float; y points up."""
+        return np.stack([self.left + self.scale * np.asarray(x), self.top - self.scale * np.asarray(y)], axis=-1)
+
+
+def scan_episode(world, params, episode):
+    """What the laser measured in every state of an `Episode`: ranges `[n + 1, B]`, or None if the world has no scan."""
+    if "scan" not in world.config.observation:
+        return None
+    return np.asarray(_scans(world, episode.states, params))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _scans(world, states, params):
+    return jax.vmap(lambda state: world.observe(state, params).scan)(states)
+
+
+def draw_frame(world, params, episode, t, size=SIZE, scans=None):
+    """State ``t`` of an `Episode` as a picture: uint8 `[height, width, 3]`, RGB.
+
+    size: (width, height) in pixels; scans: `scan_episode`'s result, for those who draw many frames of an episode.
+    """
+    if scans is None:
+        scans = scan_episode(world, params, dataclasses.replace(episode, states=_one_state(episode, t)))
+        scan = None if scans is None else scans[0]
+    else:
+        scan = scans[t]
+    scene = world.scenes[world.config.scenes.index(episode.scene)]
+    canvas = np.empty((size[1], size[0], 3), np.uint8)
+    canvas[:] = palette.rgb(palette.OUTSIDE)
+    pen = _Pen(canvas, View.of(scene, size))
+    chains = [np.array(chain) for chain in scene.chains]
+    pen.fill([pen.view.pixels(*chain.T) for chain in chains], palette.FLOOR)
+    if scan is not None:
+        ends = _scan_ends(episode.states.robot, t, scan)
+        fan = np.append(ends, [[episode.states.robot.x[t], episode.states.robot.y[t]]], axis=0)
+        pen.fill([pen.view.pixels(*fan.T)], palette.LASER, alpha=0.16)
+    for chain in chains:
+        pen.path(*np.append(chain, chain[:1], axis=0).T, palette.WALL, 2.5)
+    if scan is not None:
+        pen.dots(*ends[scan < params.scan_range].T, palette.LASER, 1.2)
+    _draw_goal(pen, episode.states.robot, t, params)
+    _draw_agents(pen, episode, t, params)
+    _draw_band(canvas, world, episode, t, params)
+    return canvas
+
+
+def animate(world, params, episodes, path):
+    """Write a GIF of several `Episode` s, one after the other, at twice real time.
+
+    One palette serves all frames, so that nothing flickers. ValueError: no episodes.
+    """
+    if not episodes:
+        raise ValueError("episodes is empty: give at least one to animate")
+    scans = [scan_episode(world, params, episode) for episode in episodes]
+    lengths = [len(episode.states.t) for episode in episodes]
+
+    def frame(i, t):
+        return draw_frame(world, params, episodes[i], t, scans=scans[i])
+
+    samples = [frame(i, t) for i, n in enumerate(lengths) for t in sorted({0, n // 3, 2 * n // 3, n - 1})]
+    indexed = _Palette(samples)
+    images, durations = [], []
+    period = round(100 * params.dt / _SPEED_UP) * 10  # GIF counts in hundredths of a second
+    for i, n in enumerate(lengths):
+        images += [indexed(frame(i, t)) for t in range(n)]
+        durations += [period] * (n - 1) + [_HOLD]
+    images[0].save(Path(path), format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+
+
+class _Pen:
+    """Draws on a canvas in world coordinates, anti-aliased. Lengths are metres, widths of lines pixels at `SIZE`."""
+
+    def __init__(self, canvas, view):
+        self.canvas, self.view = canvas, view
+        self._stroke = canvas.shape[1] / SIZE[0]
+
+    def _width(self, width):
+        return max(1, round(width * self._stroke))
+
+    def fill(self, polygons, colour, alpha=1.0):
+        """Fill polygons given in pixels; where they overlap is outside (even-odd), so that pillars stay solid."""
+        target = self.canvas if alpha == 1.0 else self.canvas.copy()
+        cv2.fillPoly(target, [_fixed(polygon) for polygon in polygons], palette.rgb(colour), cv2.LINE_AA, _SHIFT)
+        if alpha < 1.0:
+            cv2.addWeighted(target, alpha, self.canvas, 1.0 - alpha, 0.0, dst=self.canvas)
+
+    def path(self, x, y, colour, width):
+        points = _fixed(self.view.pixels(x, y))
+        cv2.polylines(self.canvas, [points], False, palette.rgb(colour), self._width(width), cv2.LINE_AA, _SHIFT)
+
+    def arrow(self, x, y, dx, dy, colour, width):
+        start, end = self.view.pixels([x, x + dx], [y, y + dy])
+        length = np.hypot(*(end - start))
+        if length < 1.0:
+            return
+        tip = min(0.5, 6.0 * self._stroke / length)
+        points = [tuple(map(int, _fixed(point))) for point in (start, end)]
+        cv2.arrowedLine(self.canvas, *points, palette.rgb(colour), self._width(width), cv2.LINE_AA, _SHIFT, tip)
+
+    def disc(self, x, y, radius, colour, width=None):
+        """A disc, or a circle where a line width is given."""
+        centre = tuple(map(int, _fixed(self.view.pixels(x, y))))
+        thickness = cv2.FILLED if width is None else self._width(width)
+        radius = round(radius * self.view.scale * 2**_SHIFT)
+        cv2.circle(self.canvas, centre, radius, palette.rgb(colour), thickness, cv2.LINE_AA, _SHIFT)
+
+    def dots(self, x, y, colour, radius):
+        """Many small discs; radius in pixels at `SIZE`."""
+        channels, radius = palette.rgb(colour), max(1, round(radius * self._stroke * 2**_SHIFT))
+        for centre in _fixed(self.view.pixels(x, y)).tolist():
+            cv2.circle(self.canvas, centre, radius, channels, cv2.FILLED, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_goal(pen, robot, t, params):
+    x, y = robot.goal_x[t], robot.goal_y[t]
+    pen.disc(x, y, params.goal_tolerance, _tint(palette.GOAL, 0.22))
+    pen.disc(x, y, params.goal_tolerance, palette.GOAL, 1)
+    pen.fill([pen.view.pixels(*_star(x, y, 0.6 * params.goal_tolerance))], palette.GOAL)
+
+
+def _scan_ends(robot, t, scan):
+    """End points `[B, 2]` of the beams in the world."""
+    beam_x, beam_y = lidar.beam_directions(len(scan))
+    cos, sin = np.cos(robot.heading[t]), np.sin(robot.heading[t])
+    x = robot.x[t] + scan * (cos * beam_x - sin * beam_y)
+    return np.stack([x, robot.y[t] + scan * (sin * beam_x + cos * beam_y)], axis=-1)
+
+
+def _draw_agents(pen, episode, t, params):
+    robot, walkers, encounters = episode.states.robot, episode.states.pedestrians, episode.states.encounters
+    count = walkers.x.shape[1]
+    for i in range(count):
+        pen.path(walkers.x[: t + 1, i], walkers.y[: t + 1, i], _tint(palette.PEDESTRIAN, 0.5), 2)
+    pen.path(robot.x[: t + 1], robot.y[: t + 1], _tint(palette.ROBOT, 0.5), 2)
+    x, y, heading = robot.x[t], robot.y[t], robot.heading[t]
+    for i in np.flatnonzero(encounters.is_open[t]):
+        pen.path([x, walkers.x[t, i]], [y, walkers.y[t, i]], palette.ENCOUNTER, 1.5)
+    rim = 1.5 / pen.view.scale
+    pen.disc(x, y, params.robot_radius + rim, palette.FLOOR)
+    pen.disc(x, y, params.robot_radius, palette.ROBOT)
+    reach = params.robot_radius * np.array([0.25, 0.9])
+    pen.path(x + reach * np.cos(heading), y + reach * np.sin(heading), palette.FLOOR, 2)
+    # On top of the robot: in a collision the smaller disc would vanish beneath it.
+    for i in range(count):
+        px, py = walkers.x[t, i], walkers.y[t, i]
+        pen.arrow(px, py, walkers.vx[t, i], walkers.vy[t, i], palette.PEDESTRIAN, 2)
+        pen.disc(px, py, params.body_radius + rim, palette.FLOOR)
+        pen.disc(px, py, params.body_radius, palette.PEDESTRIAN)
+    if count > 1:
+        size = _font_size(pen.canvas, 11)
+        for i in range(count):
+            # Beside the one it names, on the side away from where it walks.
+            column, row = pen.view.pixels(walkers.x[t, i], walkers.y[t, i])
+            gap = params.body_radius * pen.view.scale + 0.75 * size
+            away = -1.0 if walkers.vx[t, i] > 0 else 1.0
+            write(pen.canvas, str(i + 1), column + away * gap, row, size, palette.PEDESTRIAN, bold=True, anchor="m")
+    if t == len(episode.outcomes.arrived) and ending(episode) == "collision":
+        pen.disc(x, y, 2.2 * params.robot_radius, palette.COLLISION, 3)
+
+
+def _draw_band(canvas, world, episode, t, params):
+    height, width = canvas.shape[:2]
+    band = _band_height((width, height))
+    top = height - band
+    canvas[top:] = 255
+    canvas[top : top + max(1, round(height / 560))] = palette.rgb("#C9CDD3")
+    unit = band / 87.0
+    left, rows = 14 * width / SIZE[0], [top + unit * row for row in (19, 45, 69)]
+    size = _font_size(canvas, 14)
+    column = left + write(canvas, scene_title(episode.scene), left, rows[0], size, palette.INK, bold=True) + size
+    column += write(canvas, f"{t * params.dt:.1f} s", column, rows[0], size, palette.FAINT_INK)
+    # A place of its own where there is room, so that it doesn't depend on the width of the digits.
+    column = max(column + size, left + 12.5 * size)
+    end = ending(episode)
+    if end and t == len(episode.outcomes.arrived):
+        write(canvas, end.upper(), column, rows[0], size, palette.ENDINGS[end], bold=True)
+    _draw_legend(canvas, width - left, rows[0], _font_size(canvas, 12))
+    inks = {"robot": palette.ROBOT, "pedestrian": "#A84600", "": palette.FAINT_INK}
+    size = _font_size(canvas, 16)
+    for row, (speaker, sentence) in zip(rows[1:], captions(episode, t, world.config.hearing), strict=False):
+        room = width - 2 * left
+        fitting = min(size, int(size * room / text_width(sentence, size)))
+        write(canvas, sentence, left, row, fitting, inks[speaker])
+
+
+def _draw_legend(canvas, right, row, size):
+    for name, colour in (("goal", palette.GOAL), ("pedestrian", palette.PEDESTRIAN), ("robot", palette.ROBOT)):
+        right -= text_width(name, size)
+        write(canvas, name, right, row, size, palette.FAINT_INK)
+        right -= 0.8 * size
+        if name == "goal":
+            star = np.stack(_star(right, -row, 0.48 * size), axis=-1) * (1, -1)
+            cv2.fillPoly(canvas, [_fixed(star)], palette.rgb(colour), cv2.LINE_AA, _SHIFT)
+        else:
+            centre = tuple(map(int, _fixed(np.array([right, row]))))
+            radius = round((0.4 if name == "robot" else 0.3) * size * 2**_SHIFT)
+            cv2.circle(canvas, centre, radius, palette.rgb(colour), cv2.FILLED, cv2.LINE_AA, _SHIFT)
+        right -= 1.3 * size
+
+
+def _font_size(canvas, pixels):
+    """Font size for a canvas, from the size at `SIZE`."""
+    return max(6, round(pixels * min(canvas.shape[1] / SIZE[0], canvas.shape[0] / SIZE[1])))
+
+
+def _band_height(size):
+    return round(_BAND * size[1])
+
+
+def _one_state(episode, t):
+    return jax.tree.map(lambda leaf: leaf[t : t + 1], episode.states)
+
+
+def _star(x, y, radius):
+    """Ten corners of a star that stands upright."""
+    angles = np.pi / 2 + np.arange(10) * np.pi / 5
+    reach = radius * np.where(np.arange(10) % 2, 0.42, 1.0)
+    return x + reach * np.cos(angles), y + reach * np.sin(angles)
+
+
+def _fixed(points):
+    """Pixel coordinates as the fixed-point numbers OpenCV draws with; pixel centres are whole numbers there."""
+    return np.rint((np.asarray(points, np.float64) - 0.5) * 2**_SHIFT).astype(np.int32)
+
+
+def _tint(colour, strength):
+    """``colour`` on white paper, thinned."""
+    channels = [round(255 + strength * (channel - 255)) for channel in palette.rgb(colour)]
+    return "#{:02X}{:02X}{:02X}".format(*channels)
+
+
+class _Palette:
+    """The most frequent colours of some frames. Flat areas keep theirs exactly, edges take the nearest.
+
+    Pillow's own ``quantize`` finds the nearest only roughly: white paper turns grey.
+    """
+
+    def __init__(self, frames):
+        packed, counts = np.unique(np.concatenate([self._pack(frame).ravel() for frame in frames]), return_counts=True)
+        self._colours = self._unpack(packed[np.argsort(-counts, kind="stable")[:_PALETTE_SIZE]])
+        self._index = np.full(2**24, -1, np.int16)  # of every colour met so far
+
+    def __call__(self, frame):
+        """The frame `[H, W, 3]` as a palette image."""
+        packed = self._pack(frame)
+        new = np.unique(packed[self._index[packed] < 0])
+        if len(new):
+            distance = ((self._unpack(new)[:, None].astype(np.int32) - self._colours) ** 2).sum(axis=-1)
+            self._index[new] = distance.argmin(axis=1)
+        image = Image.fromarray(self._index[packed].astype(np.uint8))
+        image.putpalette(self._colours.tobytes())
+        return image
+
+    @staticmethod
+    def _pack(frame):
+        return frame @ np.array([65536, 256, 1], np.int32)
+
+    @staticmethod
+    def _unpack(packed):
+        return np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=-1).astype(np.uint8)

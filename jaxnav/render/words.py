@@ -1,0 +1,97 @@
+"""What is said in a recorded episode, and how it ends, in plain words: the fixed sentences of captions."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
+
+REQUEST_SENTENCES = {
+    STOP: "Please stop and let me pass!",
+    RIGHT: "Please move to your right!",
+    LEFT: "Please move to your left!",
+}
+MESSAGE_SENTENCES = {
+    STOP: "I walk straight on - please stop!",
+    RIGHT: "I keep right - please keep right too!",
+    LEFT: "I keep left - please keep left too!",
+}
+CONSENT_SENTENCES = {
+    STOP: "OK, I will stop to let you pass.",
+    RIGHT: "OK, I'll move to my right.",
+    LEFT: "OK, I'll move to my left.",
+}
+_SHORT_REQUESTS = {STOP: "stop", RIGHT: "move right", LEFT: "move left"}
+_SHORT_MESSAGES = {STOP: "stop", RIGHT: "keep right", LEFT: "keep left"}
+
+
+class Utterance(NamedTuple):
+    """Something said: t, index of the first state that knows of it; speaker, "robot" or "pedestrian"; pedestrian, index
+    of the one who speaks or is spoken to; code, an index into `REQUESTS` or `MESSAGES`."""
+
+    t: int
+    speaker: str
+    pedestrian: int
+    code: int
+
+
+def utterances(episode):
+    """The requests and messages of an `Episode` in order of time: a list of `Utterance`."""
+    said = []
+    for speaker, field in (("robot", "request"), ("pedestrian", "message")):
+        codes = np.asarray(episode.states.encounters[field], dtype=int)
+        before = np.concatenate([np.zeros_like(codes[:1]), codes[:-1]])
+        for t, pedestrian in np.argwhere((codes != before) & (codes != NONE)):
+            said.append(Utterance(int(t), speaker, int(pedestrian), int(codes[t, pedestrian])))
+    return sorted(said)
+
+
+def in_short(utterance, hearing=True):
+    """A label of two to four words from the robot's point of view: "asks: stop", "hears: keep right"."""
+    if utterance.speaker == "robot":
+        return f"asks: {_SHORT_REQUESTS[utterance.code]}"
+    return f"{'hears' if hearing else 'misses'}: {_SHORT_MESSAGES[utterance.code]}"
+
+
+def captions(episode, t, hearing=True):
+    """Who says what at state ``t``: a list of (speaker, sentence), the latest encounter first.
+
+    speaker: "robot", "pedestrian", or "" for a remark about an encounter in which nothing has been said.
+    """
+    encounters = episode.states.encounters
+    count = encounters.request.shape[1]
+    spoken, chats, remarks = [], [], []
+    for i in range(count):
+        name = "Pedestrian" if count == 1 else f"Pedestrian {i + 1}"
+        request, message, reply = (int(encounters[field][t, i]) for field in ("request", "message", "reply"))
+        if request != NONE:
+            addressee = "" if count == 1 else f" to {name.lower()}"
+            lines = [("robot", f'Robot{addressee}: "{REQUEST_SENTENCES[request]}"')]
+            if reply == AGREES:
+                lines.append(("pedestrian", f'{name} agrees: "{CONSENT_SENTENCES[request]}"'))
+            elif reply == REFUSES:
+                lines.append(("pedestrian", f"{name} refuses"))
+            spoken.append((int(encounters.request_age[t, i]), lines))
+        elif message != NONE:
+            heard = "" if hearing else " (the robot is deaf)"
+            lines = [("pedestrian", f'{name}: "{MESSAGE_SENTENCES[message]}"{heard}')]
+            spoken.append((int(encounters.message_age[t, i]), lines))
+        elif encounters.utterance[t, i]:
+            chats.append(("pedestrian", f"{name} makes small talk"))
+        elif encounters.is_open[t, i]:
+            remarks.append(("", f"{'Robot and pedestrian' if count == 1 else f'Robot and {name.lower()}'} meet"))
+    spoken.sort(key=lambda group: group[0])
+    return [line for _, lines in spoken for line in lines] + chats + remarks
+
+
+def ending(episode):
+    """How an episode ended: "arrived", "collision", "time out", or "" where the recording stopped before its end."""
+    for event, word in (("arrived", "arrived"), ("collided", "collision"), ("truncated", "time out")):
+        if episode.outcomes[event][-1]:
+            return word
+    return ""
+
+
+def scene_title(name):
+    """ "blind_corner" -> "Blind corner"."""
+    return name.replace("_", " ").replace("-", " ").capitalize()
