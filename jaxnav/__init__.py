@@ -2,4 +2,6 @@
 
 from .world import Action, Params, World, WorldConfig
 
+__version__ = "0.1.0"
+
 __all__ = ["Action", "Params", "World", "WorldConfig"]

@@ -13,7 +13,6 @@ import os  # noqa: E402
 import pathlib  # noqa: E402
 import re  # noqa: E402
 import sys  # noqa: E402
-from collections.abc import Callable  # noqa: E402
 from typing import Annotated  # noqa: E402
 
 import tyro  # noqa: E402
@@ -180,7 +179,7 @@ def _draw(run, actor, seed):
     episodes = run.record(actor, 100, seed)
     paths = [run.folder / name for name in ("trajectories.png", "episode.gif", "learning_curve.png")]
     try:
-        figures.trajectories(run.world, episodes, paths[0])
+        figures.trajectories(run.world, episodes, paths[0], run.params)
         frames.animate(run.world, run.params, _worth_watching(episodes), paths[1])
         figures.learning_curve(run.metrics(), paths[2])
     except OSError as error:
@@ -250,30 +249,23 @@ def _enable_compilation_cache():
 def _training_progress(config, console):
     """Yields the function that shows a line of metrics: a bar on a terminal, else a line an evaluation."""
     total = config.train.total_steps * config.train.episodes
-    with contextlib.ExitStack() as stack:
-        show: Callable
-        if console.is_terminal:
-            bar = stack.enter_context(
-                Progress(
-                    TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"),
-                    TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=console,
-                )
-            )  # fmt: skip
-            task = bar.add_task("training", total=total, state="compiling")
+    if not console.is_terminal:
 
-            def show(line):
-                bar.update(task, completed=line["env_steps"], state=_progress_text(line))
-        else:
+        def print_line(line):
+            if "evaluation" in line:
+                left = (total / line["env_steps"] - 1.0) * line["wall_seconds"]
+                text = f"{line['env_steps'] / total:4.0%}  {_progress_text(line)}, {left:.0f} s left"
+                console.print(text, soft_wrap=True)
 
-            def show(line):
-                if "evaluation" in line:
-                    left = (total / line["env_steps"] - 1.0) * line["wall_seconds"]
-                    console.print(
-                        f"{line['env_steps'] / total:4.0%}  {_progress_text(line)}, {left:.0f} s left",
-                        soft_wrap=True,
-                    )
-
-        yield show
+        yield print_line
+        return
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"), TimeElapsedColumn(),
+        TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("training", total=total, state="compiling")
+        yield lambda line: bar.update(task, completed=line["env_steps"], state=_progress_text(line))
 
 
 def _progress_text(line):

@@ -1,11 +1,12 @@
 """Hybrid soft actor-critic: a twist and a code from one policy (Delalleau et al. 2019, "Discrete and continuous action
-representation for practical RL in video games"; PAPER.md section 5).
+representation for practical RL in video games"; docs/world.md section 5).
 
 Everything is a pure function of explicit state. Floats that one may want to vary between the members of a population
 are leaves of `Hyperparameters`; `HSACConfig` holds sizes.
 """
 
 import dataclasses
+from typing import Any
 
 import chex
 import jax
@@ -20,8 +21,16 @@ from .networks import ENCODERS, Actor, TwinCritic
 
 @dataclasses.dataclass(frozen=True)
 class HSACConfig:
-    """encoder: how observations become features; actor_widths, critic_widths: hidden layers; batch: transitions an
-    update; updates_per_step: updates after each step of all episodes; huber_delta: where the critic loss turns linear."""
+    """Sizes of the learner: static under ``jit``.
+
+    Attributes:
+        encoder: how observations become features.
+        actor_widths: hidden layers of the actor.
+        critic_widths: hidden layers of each critic.
+        batch: transitions an update.
+        updates_per_step: updates after each step of all episodes.
+        huber_delta: error at which the critic loss turns linear.
+    """
 
     encoder: str = "lidar"
     actor_widths: tuple[int, ...] = (128, 128)
@@ -49,8 +58,17 @@ class HSACConfig:
 class Hyperparameters:
     """Floats of the learner, leaves for ``vmap``.
 
-    target_entropy_twist: nats, of the twist in [-1, 1]^2; target_entropy_code: fraction of log(number of codes), where
-    codes count; final_lr: fraction of the learning rates that is left at the end of training (linear decay).
+    Attributes:
+        actor_lr: learning rate of the actor.
+        critic_lr: learning rate of the critics.
+        temperature_lr: learning rate of the two log temperatures.
+        final_lr: fraction of these rates that is left at the end of training; they decay linearly.
+        discount: of the return, a step.
+        tau: share of the critics that enters the target critics at each update.
+        target_entropy_twist: nats, of the twist in [-1, 1]^2.
+        target_entropy_code: fraction of log(number of codes), where codes count.
+        initial_temperature: of twist and code.
+        reward_scale: factor on rewards.
     """
 
     actor_lr: float = 1e-3
@@ -135,14 +153,14 @@ class HSAC:
     def act(self, key, actor, observation) -> Action:
         """Sample an action for each observation `[..., ...]`; a code that would not count is none."""
         key_twist, key_code = jax.random.split(key)
-        mean, log_std, logits = self.actor.apply(actor, observation)
+        mean, log_std, logits = self._policy(actor, observation)
         twist, _ = sample_twist(key_twist, mean, log_std)
         code = jax.random.categorical(key_code, code_log_probabilities(logits, observation.may_request))
         return Action(twist=twist, code=code.astype(jnp.int32))
 
     def best_action(self, actor, observation, voice=True) -> Action:
         """Mean twist and most probable code; without ``voice`` the code is none."""
-        mean, _, logits = self.actor.apply(actor, observation)
+        mean, _, logits = self._policy(actor, observation)
         log_p = code_log_probabilities(logits, observation.may_request & voice)
         return Action(twist=jnp.tanh(mean), code=jnp.argmax(log_p, axis=-1).astype(jnp.int32))
 
@@ -188,28 +206,36 @@ class HSAC:
         }  # fmt: skip
         return new, metrics
 
+    def _policy(self, actor, observation) -> Any:
+        """Mean, log_std and logits."""
+        return self.actor.apply(actor, observation)
+
+    def _q(self, critic, observation, twist) -> Any:
+        """Q `[2, ..., codes]`."""
+        return self.critic.apply(critic, observation, twist)
+
     def _target(self, key, state, batch, temperatures, hyper):
         """Soft Bellman target `[batch]`: r + discount (1 - terminated) V(s')."""
-        mean, log_std, logits = self.actor.apply(state.actor, batch.next_observation)
+        mean, log_std, logits = self._policy(state.actor, batch.next_observation)
         log_p = code_log_probabilities(logits, batch.next_observation.may_request)
         twist, log_density = sample_twist(key, mean, log_std)
-        q = self.critic.apply(state.target_critic, batch.next_observation, twist).min(axis=0)
+        q = self._q(state.target_critic, batch.next_observation, twist).min(axis=0)
         value = soft_value(q, log_density, log_p, batch.next_observation.may_request, temperatures)
         return hyper.reward_scale * batch.reward + hyper.discount * (1.0 - batch.terminated) * value
 
     def _critic_loss(self, critic, batch, target):
-        q = self.critic.apply(critic, batch.observation, batch.twist)
+        q = self._q(critic, batch.observation, batch.twist)
         chosen = jnp.take_along_axis(q, batch.code[None, :, None], axis=-1)[..., 0]
         loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
         return jnp.sum(jnp.mean(loss, axis=1)), jnp.mean(chosen)
 
     def _actor_loss(self, actor, key, critic, batch, temperatures):
         """-V(s) with every sample reparameterised and the code's probabilities not detached."""
-        mean, log_std, logits = self.actor.apply(actor, batch.observation)
+        mean, log_std, logits = self._policy(actor, batch.observation)
         counts = batch.observation.may_request
         log_p = code_log_probabilities(logits, counts)
         twist, log_density = sample_twist(key, mean, log_std)
-        q = self.critic.apply(critic, batch.observation, twist).min(axis=0)
+        q = self._q(critic, batch.observation, twist).min(axis=0)
         loss = -jnp.mean(soft_value(q, log_density, log_p, counts, temperatures))
         counted = jnp.sum(counts)
         code_entropy = jnp.sum(jnp.where(counts, entropy(log_p), 0.0)) / jnp.maximum(counted, 1)

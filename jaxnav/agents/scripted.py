@@ -6,7 +6,7 @@ from ..world import Action
 
 
 def straight_line(policy_params, state, world, params):
-    """Full speed toward the goal, silent: the yardstick of a scene's hardness (PAPER.md section 2)."""
+    """Full speed toward the goal, silent: the yardstick of a scene's hardness (docs/world.md section 2)."""
     del policy_params, world
     robot = state.robot
     error = jnp.arctan2(robot.goal_y - robot.y, robot.goal_x - robot.x) - robot.heading

@@ -1,10 +1,14 @@
-"""Checkpoints: all that training goes on from, and its configuration, saved whole or not at all. The only user of Orbax."""
+"""Checkpoints: all that training goes on from, and its configuration, saved whole or not at all.
+
+The only user of Orbax.
+"""
 
 import json
 import logging
 import pathlib
 
 import jax
+import jax.numpy as jnp
 import orbax.checkpoint as ocp
 
 from ..errors import UserError
@@ -75,9 +79,7 @@ class Checkpoints:
 def _plain(tree):
     """``tree`` as a flat dict of arrays by their path, typed random keys as their data."""
     leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
-    return {
-        jax.tree_util.keystr(path): jax.random.key_data(leaf) if _is_key(leaf) else leaf for path, leaf in leaves
-    }
+    return {jax.tree_util.keystr(path): jax.random.key_data(leaf) if _is_key(leaf) else leaf for path, leaf in leaves}
 
 
 def _typed(arrays, like, key_impl):
@@ -91,7 +93,7 @@ def _typed(arrays, like, key_impl):
 
 
 def _is_key(leaf):
-    return jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
 
 
 def _first_line(error):

@@ -1,6 +1,6 @@
 """Evaluation: the seven metrics with Wilson intervals, beside the straight-line robot and the muted policy.
 
-PAPER.md section 9. The first episode of each environment only, most probable code and mean twist.
+docs/world.md section 9. The first episode of each environment only, most probable code and mean twist.
 """
 
 import math

@@ -1,9 +1,11 @@
 """Episodes played with a policy: the first one of each environment, for evaluation and for pictures."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,15 +28,15 @@ class Episode:
 class EpisodeSummary(NamedTuple):
     """What an episode came to; leaves `[episodes]`."""
 
-    arrived: jax.Array
-    collided: jax.Array
-    hit_pedestrian: jax.Array
-    truncated: jax.Array
-    steps: jax.Array
-    min_distance: jax.Array
-    comfortable_steps: jax.Array
-    request: jax.Array
-    agreed: jax.Array
+    arrived: chex.Array
+    collided: chex.Array
+    hit_pedestrian: chex.Array
+    truncated: chex.Array
+    steps: chex.Array
+    min_distance: chex.Array
+    comfortable_steps: chex.Array
+    request: chex.Array
+    agreed: chex.Array
 
 
 def play(world, params, policy, policy_params, keys, scenes, limit):
@@ -60,8 +62,7 @@ def play(world, params, policy, policy_params, keys, scenes, limit):
                 truncated=outcome.truncated,
                 steps=state.t,
                 min_distance=state.min_distance,
-                comfortable_steps=summary.comfortable_steps
-                + (outcome.pedestrian_distance >= params.comfort_distance),
+                comfortable_steps=summary.comfortable_steps + (outcome.pedestrian_distance >= params.comfort_distance),
                 request=jnp.maximum(summary.request, outcome.requested),
                 agreed=summary.agreed | jnp.any(state.encounters.reply == 1),
             )
@@ -76,24 +77,7 @@ def play(world, params, policy, policy_params, keys, scenes, limit):
 
 def record(world, params, policy, policy_params, keys, scenes, limit):
     """Play like `play` and keep everything: a list of `Episode`."""
-
-    @jax.jit
-    def run(keys, scenes):
-        def one(key, scene):
-            key_reset, key_steps = jax.random.split(key)
-            state = world.reset(key_reset, params, scene)
-
-            def step(state, key):
-                action = policy(policy_params, state, world, params)
-                state, outcome = world.step(key, state, action, params)
-                return state, (state, outcome)
-
-            _, (states, outcomes) = jax.lax.scan(step, state, jax.random.split(key_steps, limit))
-            return jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states), outcomes
-
-        return jax.vmap(one)(keys, scenes)
-
-    states, outcomes = jax.device_get(run(keys, scenes))
+    states, outcomes = jax.device_get(_record(world, params, policy, policy_params, keys, scenes, limit))
     episodes = []
     for i, scene in enumerate(np.asarray(scenes)):
         ended = outcomes.terminated[i] | outcomes.truncated[i]
@@ -106,3 +90,22 @@ def record(world, params, policy, policy_params, keys, scenes, limit):
             )
         )
     return episodes
+
+
+@functools.partial(jax.jit, static_argnames=("world", "policy", "limit"))
+def _record(world, params, policy, policy_params, keys, scenes, limit):
+    """States `[E, limit + 1]` and outcomes `[E, limit]`, those after an episode's end included."""
+
+    def one(key, scene):
+        key_reset, key_steps = jax.random.split(key)
+        state = world.reset(key_reset, params, scene)
+
+        def step(state, key):
+            action = policy(policy_params, state, world, params)
+            state, outcome = world.step(key, state, action, params)
+            return state, (state, outcome)
+
+        _, (states, outcomes) = jax.lax.scan(step, state, jax.random.split(key_steps, limit))
+        return jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), state, states), outcomes
+
+    return jax.vmap(one)(keys, scenes)

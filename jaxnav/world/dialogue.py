@@ -1,6 +1,6 @@
 """Encounters: when a dialogue opens and closes, who speaks, what is said, and what is done about it.
 
-Everything is per pedestrian; only `address` looks at all of them. Source: PAPER.md section 6.
+Everything is per pedestrian; only `address` looks at all of them. Source: docs/world.md section 6.
 """
 
 import jax.numpy as jnp
@@ -69,7 +69,7 @@ def fitting_request(robot, pedestrian):
 
 
 def follows_message(encounter, robot):
-    """Whether the robot, at the end of a step, does what it was asked (PAPER.md section 8, r_res)."""
+    """Whether the robot, at the end of a step, does what it was asked (docs/world.md section 8, r_res)."""
     left_of_line = cross2d(
         encounter.robot_ux, encounter.robot_uy, robot.x - encounter.robot_x, robot.y - encounter.robot_y
     )

@@ -1,5 +1,7 @@
 """The world: reset, step and observe one episode. The only file that knows all the others."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -92,7 +94,7 @@ class World:
         )  # fmt: skip
 
     def step(self, key, state: State, action, params: Params) -> tuple[State, Outcome]:
-        """One control period of ``dt``: talk, walk, drive, touch, and see who speaks next. ``key`` words what is said."""
+        """One control period of ``dt``: talk, walk, drive, touch, and see who speaks next. ``key`` draws the words."""
         walls = self.walls(state.scene)
         before, fates = state.robot, state.fates
 
@@ -175,7 +177,7 @@ class World:
             walked_from = walked_to
         chords = len(path) - 1
         arrival = wall_hit = pedestrian_hit = distance = jnp.float32(jnp.inf)
-        for i, ((x0, y0), (x1, y1)) in enumerate(zip(path, path[1:], strict=False)):
+        for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             ex, ey = x1 - x0, y1 - y0
             time = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, ex, ey, params.goal_tolerance)
             arrival = jnp.minimum(arrival, i + time)

@@ -11,11 +11,13 @@ def beam_directions(beams):
     """Unit vectors `[B]`, `[B]` of the beams in the robot frame: right (-pi/2) to left (pi/2), both included."""
     angles = np.linspace(-np.pi / 2, np.pi / 2, beams)
     # cos(pi/2) is 6e-17 in floating point; an exact 0 keeps the outermost beams exactly sideways.
-    return np.where(np.abs(angles) == np.pi / 2, 0.0, np.cos(angles)).astype(np.float32), np.sin(angles).astype(np.float32)
+    return np.where(np.abs(angles) == np.pi / 2, 0.0, np.cos(angles)).astype(np.float32), np.sin(angles).astype(
+        np.float32
+    )
 
 
 def raycast(x, y, cos, sin, walls, directions, max_range):
-    """Ranges along ``directions`` from (x, y) in a frame of heading (cos, sin) to the nearest wall, at most ``max_range``.
+    """Ranges to the nearest wall along ``directions`` from (x, y) in a frame of heading (cos, sin), at most ``max_range``.
 
     directions: unit vectors in that frame, `[B]` and `[B]` or two scalars. A beam exactly along a wall misses it.
     """
@@ -52,7 +54,9 @@ def raycast_discs(ranges, x, y, cos, sin, discs_x, discs_y, radius, directions):
 def add_noise(key, ranges, params):
     """Gaussian range noise and dropouts (a lost beam reads ``scan_range``), from one random word a beam."""
     bits = jax.random.bits(key, ranges.shape, jnp.uint32)
-    uniform = ((bits >> 16).astype(jnp.float32) + 0.5) / 65536.0  # 16 bits: the normal reaches +-4.3 standard deviations
+    uniform = (
+        (bits >> 16).astype(jnp.float32) + 0.5
+    ) / 65536.0  # 16 bits: the normal reaches +-4.3 standard deviations
     dropped = (bits & 0xFFFF).astype(jnp.float32) < params.scan_dropout * 65536.0
     noisy = ranges + params.scan_noise_std * jax.scipy.special.ndtri(uniform)
     # A miss is the absence of an echo: there is no range to be noisy about.

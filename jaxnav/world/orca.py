@@ -16,7 +16,7 @@ _PARALLEL = 1e-5  # RVO2's epsilon: below this the sine between two lines counts
 
 
 class HalfPlane(NamedTuple):
-    """Velocities to the left of the line through (x, y) along the unit vector (dx, dy); no limit where not ``active``."""
+    """Velocities to the left of the line through (x, y) along the unit vector (dx, dy); all where not ``active``."""
 
     x: jax.Array
     y: jax.Array
@@ -115,7 +115,7 @@ def _on_line(planes, i, target_x, target_y, max_speed, direction_only):
 
 
 def _nearest_program(planes, start, target_x, target_y, max_speed, direction_only):
-    """RVO2's linearProgram2: planes one after the other. Returns (vx, vy, index of the plane that failed, or their number)."""
+    """RVO2's linearProgram2: planes one after the other. Returns (vx, vy, index of the failed plane or their number)."""
     vx, vy = start
     failed_at = jnp.full(jnp.shape(vx), len(planes))
     for i, plane in enumerate(planes):

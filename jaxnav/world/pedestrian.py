@@ -1,6 +1,6 @@
 """IRVO pedestrians: ORCA walkers that stop or make way when asked, keep their word, and respect walls.
 
-Source: PAPER.md sections 6 and 7.
+Source: docs/world.md section 6 and 7.
 """
 
 import jax
@@ -103,6 +103,4 @@ def walk(pedestrians, encounters, fates, robot, walls, config, params):
     vx, vy = jax.vmap(lambda p, e, f, o: choose_velocity(p, e, f, robot, o, walls, config, params))(
         pedestrians, encounters, fates, others
     )
-    return pedestrians.replace(
-        x=pedestrians.x + vx * params.dt, y=pedestrians.y + vy * params.dt, vx=vx, vy=vy
-    )
+    return pedestrians.replace(x=pedestrians.x + vx * params.dt, y=pedestrians.y + vy * params.dt, vx=vx, vy=vy)

@@ -1,4 +1,4 @@
-"""The reward of a step, term by term (PAPER.md section 8)."""
+"""The reward of a step, term by term (docs/world.md section 8)."""
 
 import jax.numpy as jnp
 

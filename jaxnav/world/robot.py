@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 
 def twist_from_action(twist, params):
-    """Network action `[2]` in [-1, 1] -> v in [0, max_v], w in [-max_w, max_w] (PAPER.md section 1)."""
+    """Network action `[2]` in [-1, 1] -> v in [0, max_v], w in [-max_w, max_w] (docs/world.md section 1)."""
     return 0.5 * params.max_v * (jnp.clip(twist[0], -1.0, 1.0) + 1.0), params.max_w * jnp.clip(twist[1], -1.0, 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Scenes: walls, and where an episode's robot and pedestrians start and go. The parity suite of PAPER.md section 2.
+"""Scenes: walls, and where an episode's robot and pedestrians start and go (docs/world.md section 2).
 
 A scene draws candidates of a placement from uniform numbers; `place` takes the first that keeps its distances, so a
 reset has a fixed cost. A new scene is one more `Scene` in `SCENES`.
@@ -97,9 +97,7 @@ SCENES = {
     for scene in (
         Scene("square", (_rectangle(5.0, 5.0),), ((-5.0, -5.0, 5.0, 5.0),), 64, _meet_square),
         Scene("hallway", (_rectangle(5.0, 1.6),), ((-5.0, -1.6, 5.0, 1.6),), 16, _meet_hallway),
-        Scene(
-            "crosswalk", (_cross(5.0, 1.3),), ((-5.0, -1.3, 5.0, 1.3), (-1.3, -5.0, 1.3, 5.0)), 24, _meet_crosswalk
-        ),
+        Scene("crosswalk", (_cross(5.0, 1.3),), ((-5.0, -1.3, 5.0, 1.3), (-1.3, -5.0, 1.3, 5.0)), 24, _meet_crosswalk),
     )
 }
 

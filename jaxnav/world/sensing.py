@@ -19,8 +19,6 @@ def _cells():
     return (((GRID - 1) / 2 - np.arange(GRID)) * CELL).astype(np.float32)
 
 
-
-
 def render(snapshot, walls, config, params):
     """`Observation` of a snapshot; ``walls`` are those of its scene."""
     cos, sin = jnp.cos(snapshot.heading), jnp.sin(snapshot.heading)
@@ -97,7 +95,10 @@ def sensor_map(scan, params):
     beam = np.rint((angle + np.pi / 2) / np.pi * (scan.shape[0] - 1)).astype(int)
     ahead = GRID // 2  # rows in front of the robot: behind it nothing is measured
     half = CELL / 2 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))
-    ranges = scan[beam[:ahead]]
+    # A product with a constant of zeros and ones picks the beams faster than a gather of 1,152 numbers.
+    pick = np.zeros((scan.shape[0], ahead * GRID), np.float32)
+    pick[beam[:ahead].ravel(), np.arange(ahead * GRID)] = 1.0
+    ranges = jnp.dot(scan, pick, precision="highest").reshape(ahead, GRID)
     nearer, farther = ranges < (distance - half)[:ahead], ranges > (distance + half)[:ahead]
     front = jnp.where(nearer, _UNKNOWN, jnp.where(farther, 1.0, 0.0))
     whole = jnp.concatenate([front, jnp.full((GRID - ahead, GRID), _UNKNOWN)])
@@ -105,7 +106,7 @@ def sensor_map(scan, params):
 
 
 def pedestrian_map(listed):
-    """`[3, 48, 48]` occupancy, vx, vy of the pedestrians ``listed`` `[K, 4]` within the map's 3 m; the nearest on top."""
+    """`[3, 48, 48]` occupancy, vx, vy of the pedestrians ``listed`` `[K, 4]` within 3 m; the nearest on top."""
     cells = _cells()
     channels = jnp.zeros((3, GRID, GRID))
     for k in reversed(range(listed.shape[0])):

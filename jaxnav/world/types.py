@@ -11,7 +11,7 @@ from typing import Literal
 import chex
 import jax
 
-# What the robot may ask of a pedestrian, and what a pedestrian may ask of the robot (PAPER.md section 6).
+# What the robot may ask of a pedestrian, and what a pedestrian may ask of the robot (docs/world.md section 6).
 REQUESTS = ("none", "stop", "margin-right", "margin-left")
 MESSAGES = ("silence", "robot stop", "robot right", "robot left")
 REPLIES = ("none", "agrees", "refuses")
@@ -25,17 +25,18 @@ OBSERVATION_PARTS = ("scan", "pedestrians", "dialogue", "sensor_map", "pedestria
 class WorldConfig:
     """Sizes and switches of a world: static under ``jit`` and hashable. Every float that may vary is in `Params`.
 
-    scenes:             names of the scenes of which each episode draws one.
-    pedestrians:        P, pedestrians in every episode.
-    nearest:            the most pedestrians that are observed, nearest first.
-    beams:              B, laser beams over [-pi/2, pi/2].
-    observation:        the parts to sense besides pose and twist, of ``OBSERVATION_PARTS``.
-    scan_noise:         draw range noise and dropouts; off saves one random word a beam.
-    hearing:            whether the robot hears; a deaf one observes silence although pedestrians commit all the same.
-    reward:             "code": the authors' code; "text": their paper's text (every term each step, closeness at arrival).
-    swept_collisions:   test contact over the whole step; False tests the end of the step only.
-    wall_neighbors:     walls a pedestrian avoids at once, nearest first.
-    max_neighbors:      other pedestrians a pedestrian avoids at once, nearest first.
+    Attributes:
+        scenes: of which each episode draws one.
+        pedestrians: P, pedestrians in every episode.
+        nearest: the most pedestrians that are observed, nearest first.
+        beams: B, laser beams over [-pi/2, pi/2].
+        observation: the parts to sense besides pose and twist: scan, pedestrians, dialogue, sensor_map, pedestrian_map.
+        scan_noise: draw range noise and dropouts; off saves one random word a beam.
+        hearing: whether the robot hears; a deaf one observes silence although pedestrians commit all the same.
+        reward: code, the authors' code; text, their paper's text (all terms each step, closeness at arrival).
+        swept_collisions: test contact over the whole step; off tests the end of the step only.
+        wall_neighbors: walls a pedestrian avoids at once, nearest first.
+        max_neighbors: other pedestrians a pedestrian avoids at once, nearest first.
     """
 
     scenes: tuple[str, ...] = ("square", "hallway", "crosswalk")
@@ -51,7 +52,13 @@ class WorldConfig:
     max_neighbors: int = 10
 
     def __post_init__(self):
-        for name, least in (("pedestrians", 1), ("nearest", 1), ("beams", 2), ("wall_neighbors", 1), ("max_neighbors", 1)):
+        for name, least in (
+            ("pedestrians", 1),
+            ("nearest", 1),
+            ("beams", 2),
+            ("wall_neighbors", 1),
+            ("max_neighbors", 1),
+        ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
                 raise ValueError(f"world.{name} is {value!r}: give a whole number of at least {least}")
@@ -68,48 +75,48 @@ class WorldConfig:
 class Params:
     """Every float of the world: leaves, so that ``vmap`` over them is domain randomisation.
 
-    Sources are sections of PAPER.md; `jaxnav.world.env.check_params` says which ranges are allowed.
+    Sources are sections of docs/world.md; `jaxnav.world.env.check_params` says which ranges are allowed.
     """
 
     # Time, robot and episode (section 1)
-    dt: float = 0.4
-    max_v: float = 0.6
-    max_w: float = 0.9
-    robot_radius: float = 0.17
-    goal_tolerance: float = 0.3
-    max_steps: float = 100.0
+    dt: float = 0.4  # control period, s
+    max_v: float = 0.6  # top speed, m/s
+    max_w: float = 0.9  # top turning rate, rad/s
+    robot_radius: float = 0.17  # m
+    goal_tolerance: float = 0.3  # distance to the goal that counts as arrival, m
+    max_steps: float = 100.0  # steps after which an episode is truncated
     # Laser (section 3)
-    scan_range: float = 12.0
-    scan_noise_std: float = 0.01
-    scan_dropout: float = 0.01
+    scan_range: float = 12.0  # longest range, m
+    scan_noise_std: float = 0.01  # standard deviation of a range, m (with world.scan-noise)
+    scan_dropout: float = 0.01  # share of beams that read scan_range (with world.scan-noise)
     # Pedestrians (section 7)
-    body_radius: float = 0.1
-    preferred_speed: float = 0.5
-    max_speed: float = 0.5
-    awareness: float = 0.5
-    neighbor_distance: float = 0.5
-    time_horizon: float = 5.0
-    time_horizon_walls: float = 1.0
+    body_radius: float = 0.1  # m
+    preferred_speed: float = 0.5  # walking speed, m/s
+    max_speed: float = 0.5  # m/s
+    awareness: float = 0.5  # distance at which a pedestrian starts to avoid the robot by itself, m
+    neighbor_distance: float = 0.5  # distance at which pedestrians start to avoid each other, m
+    time_horizon: float = 5.0  # for how long a velocity is to be free of other agents, s
+    time_horizon_walls: float = 1.0  # for how long a velocity is to be free of walls, s
     # Dialogue (section 6)
-    encounter_distance: float = 3.0
-    encounter_clearance: float = 1.0
-    encounter_horizon: float = 5.0
-    p_pedestrian_first: float = 0.5
-    compliance: float = 1.0
-    obey_steps: float = 10.0
-    message_exceptions: float = 0.2
-    passing_clearance: float = 1.0
-    small_talk: float = 0.0
+    encounter_distance: float = 3.0  # distance at which an encounter may open, m; grows with walking speed
+    encounter_clearance: float = 1.0  # predicted closest approach below which it opens, m
+    encounter_horizon: float = 5.0  # how far ahead that is predicted, s
+    p_pedestrian_first: float = 0.5  # probability that the pedestrian speaks first
+    compliance: float = 1.0  # probability that it agrees to a request
+    obey_steps: float = 10.0  # steps for which it obeys
+    message_exceptions: float = 0.2  # share of messages that don't suit the geometry
+    passing_clearance: float = 1.0  # gap when both keep to the same hand, m
+    small_talk: float = 0.0  # probability of small talk in a step
     # Reward (section 8)
-    reward_arrival: float = 500.0
-    reward_collision: float = -500.0
-    reward_progress: float = 200.0
-    reward_step: float = -5.0
-    reward_closeness: float = -50.0
-    safe_distance: float = 1.0
-    reward_request: float = 20.0
-    reward_response: float = 4.0
-    comfort_distance: float = 0.5
+    reward_arrival: float = 500.0  # for reaching the goal
+    reward_collision: float = -500.0  # for touching a wall or a pedestrian
+    reward_progress: float = 200.0  # for each metre nearer to the goal
+    reward_step: float = -5.0  # for each step
+    reward_closeness: float = -50.0  # for each metre below safe_distance
+    safe_distance: float = 1.0  # surface distance below which closeness costs, m
+    reward_request: float = 20.0  # r_req: for a request that fits
+    reward_response: float = 4.0  # r_res: for each step of doing what was asked
+    comfort_distance: float = 0.5  # surface distance of the comfort metric, m
 
 
 @chex.dataclass(frozen=True)
@@ -182,8 +189,9 @@ class Encounter:
 
     met: has opened this episode; is_open: the gate; pedestrian_first: the initiator; message, message_age: what it said
     and for how many steps it has held; request, request_age, reply: what the robot asked, since when, and the answer;
-    utterance: uint32 for the wording, 0 when nothing is said; distance, grown: last distance and for how many steps it has grown; x, y, ux, uy: the pedestrian's line, frozen at
-    opening (a point and a unit vector); robot_x, robot_y, robot_ux, robot_uy: the robot's line toward its goal, likewise.
+    utterance: uint32 for the wording, 0 when nothing is said; distance, grown: last distance and for how many steps it
+    has grown; x, y, ux, uy: the pedestrian's line, frozen at opening (a point and a unit vector); robot_x, robot_y,
+    robot_ux, robot_uy: the robot's line toward its goal, likewise.
     """
 
     met: jax.Array
