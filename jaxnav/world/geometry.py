@@ -71,4 +71,5 @@ def time_to_slab(px, py, ex, ey, ax, ay, bx, by, radius):
     gap = jnp.abs(side) - radius
     t = jnp.where(gap <= 0, 0.0, gap / jnp.maximum(-rate, _TINY))
     along = dx * (px + t * ex - ax) + dy * (py + t * ey - ay)
-    return jnp.where((t <= 1) & (along >= 0) & (along <= length), t, jnp.inf)
+    # A wall without length has no side: its point is for `time_to_disc`.
+    return jnp.where((t <= 1) & (along >= 0) & (along <= length) & (length > 1e-5), t, jnp.inf)

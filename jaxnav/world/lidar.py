@@ -17,7 +17,7 @@ def beam_directions(beams):
 
 
 def raycast(x, y, cos, sin, walls, directions, max_range):
-    """Ranges to the nearest wall along ``directions`` from (x, y) in a frame of heading (cos, sin), at most ``max_range``.
+    """Ranges to the nearest wall along ``directions`` from (x, y), frame heading (cos, sin); at most ``max_range``.
 
     directions: unit vectors in that frame, `[B]` and `[B]` or two scalars. A beam exactly along a wall misses it.
     """

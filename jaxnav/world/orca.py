@@ -68,7 +68,7 @@ def wall_half_plane(px, py, radius, time_horizon, dt, active):
     distance = safe_sqrt(px * px + py * py)
     nx, ny = px / distance, py / distance
     gap = distance - radius
-    limit = gap / jnp.where(gap < 0, dt, time_horizon)
+    limit = gap / jnp.where(gap < 0, dt, jnp.maximum(time_horizon, dt))
     return HalfPlane(nx * limit, ny * limit, -ny, nx, active)
 
 
@@ -115,7 +115,7 @@ def _on_line(planes, i, target_x, target_y, max_speed, direction_only):
 
 
 def _nearest_program(planes, start, target_x, target_y, max_speed, direction_only):
-    """RVO2's linearProgram2: planes one after the other. Returns (vx, vy, index of the failed plane or their number)."""
+    """RVO2's linearProgram2: planes one after the other. Returns (vx, vy, index of the one that failed or len)."""
     vx, vy = start
     failed_at = jnp.full(jnp.shape(vx), len(planes))
     for i, plane in enumerate(planes):

@@ -24,11 +24,12 @@ def preferred_velocity(pedestrian, encounter, fate, params):
     turn = jnp.where(request == LEFT, _COS_45, -_COS_45)
     margin_x, margin_y = _COS_45 * encounter.ux - turn * encounter.uy, _COS_45 * encounter.uy + turn * encounter.ux
 
-    # A committed pedestrian tracks a line parallel to the one it was on, half the passing distance to its side.
+    # A committed pedestrian tracks a line parallel to the one it was on, half the passing distance to its side. One
+    # that commits late has a second left for it, hence up to 72 degrees off its direction, not 45.
     aside = 0.5 * (params.passing_clearance + params.robot_radius + params.body_radius)
     target = jnp.where(encounter.message == LEFT, aside, jnp.where(encounter.message == RIGHT, -aside, 0.0))
     offset = cross2d(encounter.ux, encounter.uy, pedestrian.x - encounter.x, pedestrian.y - encounter.y)
-    lateral = jnp.clip((target - offset) / (params.preferred_speed * params.dt + 1e-6), -1.0, 1.0)
+    lateral = jnp.clip((target - offset) / (params.preferred_speed * params.dt + 1e-6), -3.0, 3.0)
     line_x, line_y = unit(encounter.ux - lateral * encounter.uy, encounter.uy + lateral * encounter.ux)
 
     committed = dialogue.is_committed(encounter, fate)

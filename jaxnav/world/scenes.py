@@ -17,7 +17,7 @@ from .types import Walls
 CLEARANCE = 0.3  # from starts and goals to walls
 ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
 PEDESTRIAN_GAP = 0.6  # between pedestrians at the start
-_CANDIDATES = 16
+_CANDIDATES = 32
 _DRAWS = 12
 
 
@@ -137,7 +137,8 @@ def place(key, scene, walls, pedestrians, params):
     draws = jax.random.uniform(key_meet, (_CANDIDATES, _DRAWS))
     robots, firsts = jax.vmap(lambda u: scene.meet(u, params.max_v, params.preferred_speed))(draws)
     robots, firsts = jnp.stack(jnp.broadcast_arrays(*robots)), jnp.stack(jnp.broadcast_arrays(*firsts))
-    clear = [wall_clearance(table[i], table[i + 1], walls) for table in (robots, firsts) for i in (0, 2)]
+    points = [(table[i], table[i + 1]) for table in (robots, firsts) for i in (0, 2)]
+    clear = [jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, scene.floors)) for x, y in points]
     apart = norm(robots[0] - firsts[0], robots[1] - firsts[1])
     # Metres by which a candidate falls short; the first that doesn't is taken.
     short = jnp.maximum(CLEARANCE - jnp.min(jnp.stack(clear), axis=0), ROBOT_GAP - apart)
@@ -163,6 +164,13 @@ def wall_clearance(x, y, walls):
     return jnp.min(distances, axis=0)
 
 
+def _floor_depth(x, y, floors):
+    """Minus the distance to the nearest floor, inf on one: how far in is for the walls to say."""
+    depth = [jnp.minimum(jnp.minimum(x - x0, x1 - x), jnp.minimum(y - y0, y1 - y)) for x0, y0, x1, y1 in floors]
+    depth = jnp.max(jnp.stack(depth), axis=0)
+    return jnp.where(depth < 0, depth, jnp.inf)
+
+
 def _strollers(key, scene, count, robot_x, robot_y, first):
     """`[4, count]` starts and goals on random floors, each clear of the robot and of those placed before."""
     floors = jnp.array(scene.floors)
@@ -176,8 +184,8 @@ def _strollers(key, scene, count, robot_x, robot_y, first):
         pad = CLEARANCE
         x, goal_x = (low_x + pad + u[i] * (high_x - low_x - 2 * pad) for i in (0, 2))
         y, goal_y = (low_y + pad + u[i] * (high_y - low_y - 2 * pad) for i in (1, 3))
-        gap = norm(x[:, None] - placed[0], y[:, None] - placed[1]) - PEDESTRIAN_GAP
-        gap = jnp.where(jnp.arange(count + 1) <= index, gap, jnp.inf).min(axis=1)
+        gap = norm(x[:, None] - placed[0][None], y[:, None] - placed[1][None]) - PEDESTRIAN_GAP
+        gap = jnp.where((jnp.arange(count + 1) <= index)[None], gap, jnp.inf).min(axis=1)
         short = jnp.maximum(-gap, ROBOT_GAP - norm(x - robot_x, y - robot_y))
         chosen = jnp.argmin(jnp.maximum(short, 0.0))
         new = jnp.stack([x, y, goal_x, goal_y])[:, chosen]

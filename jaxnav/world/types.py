@@ -252,7 +252,7 @@ class SeenPedestrian:
 class Snapshot:
     """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
 
-    92 bytes with one pedestrian, 27 more for each further one. turned: start heading - heading; past: as in `Robot`.
+    90 bytes with one pedestrian, 27 more for each further one. turned: start heading - heading; past: as in `Robot`.
     """
 
     t: jax.Array
