@@ -20,7 +20,9 @@ from rich.console import Console  # noqa: E402
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from .errors import UserError  # noqa: E402
+from .errors import UserError, remedy  # noqa: E402
+
+_EPISODES = 500  # of each scene, in the evaluation that ends a training run
 
 _HELP = """jaxnav: a 2D world of pedestrians, and a robot in it that learns to steer and to talk.
 
@@ -56,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
     except UserError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        print("interrupted; jaxnav train --resume with the same options goes on", file=sys.stderr)
         sys.exit(130)
 
 
@@ -76,7 +78,8 @@ def _train(arguments):
     _enable_compilation_cache()
     run = Run(config)
     run.prepare_folder()
-    console = Console(stderr=True)
+    # Plain text: a folder may be called [bold], and what is copied from here must not be broken into lines.
+    console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     console.print(f"training in {run.folder} (preset {config.preset}, seed {config.seed}); the first chunk compiles")
     with _training_progress(config, console) as report:
         try:
@@ -86,13 +89,13 @@ def _train(arguments):
             sys.exit(128 + stop.signal)
     actor = run.actor(progress, "last")
     with console.status("evaluating"):
-        result = run.evaluator.evaluate(actor, "last", 500, config.seed)
+        result = run.evaluator.evaluate(actor, "last", _EPISODES, config.seed)
     run.write_json("evaluation.json", result)
     _print_result(Console(), result)
     with console.status("drawing"):
         _draw(run, actor, config.seed)
     names = ("evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl", "config.json")
-    Console().print(
+    Console(markup=False, highlight=False).print(
         f"trained in {run.metrics()[-1]['wall_seconds']:.0f} s; everything is in {run.folder}/: {', '.join(names)}",
         soft_wrap=True,
     )
@@ -112,7 +115,7 @@ class _EvaluateOptions:
     """
 
     run: Annotated[str, tyro.conf.Positional]
-    episodes: int = 500
+    episodes: int = _EPISODES
     seed: int = 0
     scene: str = "all"
     policy: str = "last"
@@ -176,15 +179,34 @@ def _draw(run, actor, seed):
     """Draw trajectories.png, episode.gif and learning_curve.png; returns their paths."""
     from .render import figures, frames
 
-    episodes = run.record(actor, 100, seed)
-    paths = [run.folder / name for name in ("trajectories.png", "episode.gif", "learning_curve.png")]
-    try:
-        figures.trajectories(run.world, episodes, paths[0], run.params)
-        frames.animate(run.world, run.params, _worth_watching(episodes), paths[1])
-        figures.learning_curve(run.metrics(), paths[2])
-    except OSError as error:
-        raise UserError(f"{run.folder} can't take the pictures ({error.strerror}): free some space") from error
-    return paths
+    lines = run.metrics()
+    episodes = run.record(actor, seed, *_worth_drawing(run.evaluator.summaries(actor, _EPISODES, seed)))
+    drawn = {
+        "trajectories.png": lambda path: figures.trajectories(run.world, episodes, path, run.params, _EPISODES),
+        "episode.gif": lambda path: frames.animate(run.world, run.params, _worth_watching(episodes), path),
+        "learning_curve.png": lambda path: figures.learning_curve(lines, path),
+    }
+    for name, draw in drawn.items():
+        path, temporary = run.folder / name, run.folder / f"new-{name}"
+        try:
+            draw(temporary)
+            temporary.replace(path)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
+    return [run.folder / name for name in drawn]
+
+
+def _worth_drawing(summaries):
+    """(scene indices, episode indices) of evaluated episodes: of each scene up to two failures, and 14 in all."""
+    scenes, chosen = [], []
+    for scene, arrived in enumerate(summaries.arrived):
+        failed = [i for i, success in enumerate(arrived) if not success][:2]
+        passed = [i for i, success in enumerate(arrived) if success]
+        for episode in list(dict.fromkeys([*failed, *passed, *range(len(arrived))]))[:14]:
+            scenes.append(scene)
+            chosen.append(episode)
+    return scenes, chosen
 
 
 def _worth_watching(episodes):
@@ -209,20 +231,23 @@ def _parse(cls, arguments, command, description=None, default=tyro.MISSING_NONPR
     except SystemExit as stop:
         if not stop.code:
             raise
-        lines = [line.strip("│ \n") for line in complaint.getvalue().splitlines() if line.startswith("│")]
-        text = " ".join(itertools.takewhile(lambda line: not line.startswith("──"), lines))
-        text = re.sub(r"^Error parsing (?:(?!--)\S+: )?", "", text) or complaint.getvalue().strip()
+        # The box, drawn with lines or, where the terminal has none, without: a title, the text, a rule, where to look.
+        lines = [line.strip("│ ") for line in complaint.getvalue().splitlines()[1:]]
+        lines = itertools.takewhile(lambda line: not line.startswith("For full helptext"), lines)
+        text = " ".join(line for line in lines if line.strip("─-"))
+        text = re.sub(r"^Error parsing (?:(?!--)\S+: )?", "", text)
         raise UserError(f"{text} (jaxnav {command} --help lists the options)") from None
 
 
 def _option(arguments, name):
     """The value of an option that has to be known before the others are parsed."""
+    value = None
     for i, argument in enumerate(arguments):
         if argument == name and i + 1 < len(arguments):
-            return arguments[i + 1]
-        if argument.startswith(name + "="):
-            return argument[len(name) + 1 :]
-    return None
+            value = arguments[i + 1]
+        elif argument.startswith(name + "="):
+            value = argument[len(name) + 1 :]
+    return value  # the last counts, as for every option
 
 
 def _check_seed(seed):

@@ -74,7 +74,7 @@ class Hyperparameters:
     actor_lr: float = 1e-3
     critic_lr: float = 1e-3
     temperature_lr: float = 3e-3
-    final_lr: float = 0.1
+    final_lr: float = 0.0
     discount: float = 0.97
     tau: float = 0.01
     target_entropy_twist: float = -2.0
@@ -131,8 +131,8 @@ class HSAC:
 
     def __init__(self, config: HSACConfig = HSACConfig()):
         self.config = config
-        self.actor = Actor(config.actor_widths)
-        self.critic = TwinCritic(config.critic_widths)
+        self.actor = Actor(config.encoder, config.actor_widths)
+        self.critic = TwinCritic(config.encoder, config.critic_widths)
 
     def init(self, key, observation, hyper: Hyperparameters) -> LearnerState:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from ..world.types import MESSAGES, REPLIES, REQUESTS
 
-ENCODERS = ("lidar",)
 LOG_STD_RANGE = (-5.0, 0.0)
+_SECTORS = 12
 
 
 class MLP(nn.Module):
@@ -74,7 +74,8 @@ def own_features(observation):
 class LidarEncoder(nn.Module):
     """Scan, pedestrians, dialogue and pose -> `[..., features]`, whatever the number of pedestrians.
 
-    The scan enters as exp(-range / 2), which spreads what is near; pedestrians are embedded one by one and summed.
+    The scan enters as exp(-range / 2), and once more as exp(-4 range) of the nearest echo in each of twelve sectors:
+    the first tells what is where, the second tells 0.2 m from 0.3 m. Pedestrians are embedded one by one and summed.
     """
 
     scan_width: int = 64
@@ -82,19 +83,26 @@ class LidarEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, observation):
-        scan = MLP([self.scan_width])(jnp.exp(-0.5 * observation.scan))
+        ranges = observation.scan
+        sectors = jnp.array_split(ranges, min(_SECTORS, ranges.shape[-1]), axis=-1)
+        nearest = jnp.stack([sector.min(axis=-1) for sector in sectors], axis=-1)
+        scan = MLP([self.scan_width])(jnp.concatenate([jnp.exp(-0.5 * ranges), jnp.exp(-4.0 * nearest)], axis=-1))
         people = MLP([self.pedestrian_width])(pedestrian_features(observation)).sum(axis=-2)
         return jnp.concatenate([scan, people, own_features(observation)], axis=-1)
+
+
+ENCODERS = {"lidar": LidarEncoder}
 
 
 class Actor(nn.Module):
     """Observation -> mean `[..., 2]` and log_std `[..., 2]` of the twist before tanh, logits `[..., 4]` of the code."""
 
+    encoder: str
     widths: Sequence[int]
 
     @nn.compact
     def __call__(self, observation):
-        x = MLP(self.widths)(LidarEncoder()(observation))
+        x = MLP(self.widths)(ENCODERS[self.encoder]()(observation))
         low, high = LOG_STD_RANGE
         log_std = low + 0.5 * (high - low) * (jnp.tanh(nn.Dense(2)(x)) + 1.0)
         return nn.Dense(2)(x), log_std, nn.Dense(len(REQUESTS))(x)
@@ -103,9 +111,10 @@ class Actor(nn.Module):
 class TwinCritic(nn.Module):
     """(Observation, twist `[..., 2]`) -> Q of every code `[2, ..., 4]`, two estimates on one encoder."""
 
+    encoder: str
     widths: Sequence[int]
 
     @nn.compact
     def __call__(self, observation, twist):
-        x = jnp.concatenate([LidarEncoder()(observation), twist], axis=-1)
+        x = jnp.concatenate([ENCODERS[self.encoder]()(observation), twist], axis=-1)
         return jnp.stack([nn.Dense(len(REQUESTS))(MLP(self.widths)(x)) for _ in range(2)])

@@ -24,11 +24,12 @@ _TIME_COLOURS = LinearSegmentedColormap.from_list(
 )
 
 
-def trajectories(world, episodes, path, params=Params()):
+def trajectories(world, episodes, path, params=Params(), played=None):
     """Draw a few `Episode` s of each scene, a row each, successes left and a failure right; write a PNG to ``path``.
 
     Time is colour. Of a scene's successes one in which the robot asks and one in which a pedestrian speaks are
-    preferred. Returns the `Figure`. ValueError: no episodes.
+    preferred. played: how many episodes of a scene the given ones were chosen from, failures first, if not all are
+    given. Returns the `Figure`. ValueError: no episodes.
     """
     rows = [(scene, [e for e in episodes if e.scene == scene.name]) for scene in world.scenes]
     rows = [(scene, own) for scene, own in rows if own]
@@ -59,7 +60,7 @@ def trajectories(world, episodes, path, params=Params()):
             box = (x / total_width, y / total_height, width / total_width, height / total_height)
             axes = figure.add_axes(box, xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
             if episode is None:
-                _draw_absence(axes, own, column)
+                _draw_absence(axes, own, column, played or len(own))
             else:
                 panels.append((axes, scene, episode))
                 _draw_episode(axes, scene, episode, norm, params)
@@ -110,12 +111,12 @@ def _limits(scene):
     return low - room, high + room
 
 
-def _draw_absence(axes, episodes, column):
+def _draw_absence(axes, episodes, column, played):
     count = sum(ending(e) == "arrived" for e in episodes)
     kind = "success" if column < _SUCCESSES else "failure"
     number = {0: "no"}.get(count, f"only {count}") if kind == "success" else "no"
-    plural = "" if len(episodes) == 1 else "s"
-    text = f"{number} {kind} in\n{len(episodes)} episode{plural}"
+    plural = "" if played == 1 else "s"
+    text = f"{number} {kind} in\n{played} episode{plural}"
     axes.set_facecolor("#F7F8FA")
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", size=11, color=palette.FAINT_INK)
 
@@ -155,7 +156,7 @@ _MARKERS = {
     "pedestrian's start": {"marker": "o", "markersize": 6, "color": palette.PEDESTRIAN, "markeredgecolor": "white"},
     "robot's goal": {"marker": "*", "markersize": 13, "color": palette.GOAL, "markeredgecolor": "white"},
     "robot asks": {"marker": "D", "markersize": 7, "color": palette.ROBOT, "markeredgecolor": "white"},
-    "pedestrian speaks": {"marker": "s", "markersize": 7, "color": palette.PEDESTRIAN, "markeredgecolor": "white"},
+    "robot hears": {"marker": "s", "markersize": 7, "color": palette.PEDESTRIAN, "markeredgecolor": "white"},
     "collision": {"marker": "X", "markersize": 10, "color": palette.COLLISION, "markeredgecolor": "white"},
 }
 
@@ -196,7 +197,7 @@ def _label_speech(axes, scene, episode, hearing, renderer):
     for mark, (_, group) in zip(marks, groups, strict=True):
         speakers = {said.speaker for said in group}
         if "pedestrian" in speakers:
-            axes.plot(*mark, **_MARKERS["pedestrian speaks"], zorder=5)
+            axes.plot(*mark, **_MARKERS["robot hears"], zorder=5)
         if "robot" in speakers:
             # Both in one step: the smaller diamond lies on the square.
             size = {"markersize": 5} if len(speakers) > 1 else {}

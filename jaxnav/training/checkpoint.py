@@ -3,19 +3,33 @@
 The only user of Orbax.
 """
 
-import json
 import logging
 import pathlib
+import sys
+import warnings
 
 import jax
 import jax.numpy as jnp
 import orbax.checkpoint as ocp
 
-from ..errors import UserError
+from ..errors import UserError, remedy
 from .config import differences
 
-# Orbax tells of every save; a run's own progress line does that.
-logging.getLogger("absl").setLevel(logging.ERROR)
+# Orbax tells of every save and of every damaged file; a run's progress and errors say so in their own words. After a
+# failure its coroutines and the threads of TensorStore complain too, through hooks of Python's and at any later time.
+logging.getLogger("absl").setLevel(logging.CRITICAL)
+logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+
+
+def _complain(unraisable, others=sys.unraisablehook):
+    """What Python calls with an exception that nobody can catch: passes on all but those of a failed checkpoint."""
+    code = getattr(unraisable.object, "cr_code", None)
+    if str(unraisable.exc_value) != "Event loop is closed" and "orbax" not in getattr(code, "co_filename", ""):
+        others(unraisable)
+
+
+sys.unraisablehook = _complain
 
 
 class Checkpoints:
@@ -26,8 +40,11 @@ class Checkpoints:
         options = ocp.CheckpointManagerOptions(
             max_to_keep=2, create=False, enable_async_checkpointing=False, step_prefix="step"
         )
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self._manager = ocp.CheckpointManager(self.folder, options=options)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._manager = ocp.CheckpointManager(self.folder, options=options)
+        except OSError as error:
+            raise UserError(f"{self.folder} can't be used ({error.strerror}): {remedy(error)}") from error
 
     def save(self, step, state, meta):
         """Save after env step ``step``; UserError if it can't be written, older checkpoints are kept."""
@@ -37,10 +54,10 @@ class Checkpoints:
         )
         try:
             self._manager.save(step, args=arguments, force=True)
-        except (OSError, ValueError, RuntimeError) as error:
+        except Exception as error:  # whatever Orbax and what is below it make of a file that can't be written
             raise UserError(
                 f"{self.folder} could not take the checkpoint of step {step} ({_first_line(error)}): "
-                f"free some space, then go on with --resume"
+                f"{remedy(error)}, then go on with --resume"
             ) from error
 
     def latest_step(self):
@@ -54,13 +71,13 @@ class Checkpoints:
         """
         step = self.latest_step()
         if step is None:
-            raise UserError(f"{self.folder} holds no checkpoint: train first, or leave out --resume")
+            raise UserError(f"{self.folder} holds no checkpoint: train with --resume --out {self.folder.parent} first")
         where = self.folder / f"step_{step}"
         damaged = UserError(f"{where} is damaged: delete it to fall back to the one before, or train anew")
         try:
             meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
             changed = differences(meta["config"], config)
-        except (OSError, ValueError, KeyError, TypeError, json.JSONDecodeError) as error:
+        except Exception as error:  # Orbax raises bare exceptions for damaged files
             raise damaged from error
         if changed:
             raise UserError(
@@ -71,8 +88,10 @@ class Checkpoints:
         try:
             arguments = ocp.args.Composite(state=ocp.args.StandardRestore(target))
             state = self._manager.restore(step, args=arguments).state
-        except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        except Exception as error:
             raise damaged from error
+        # Orbax commits arrays to a device; for those the program of a fresh start would be compiled anew.
+        state = jax.tree.map(jnp.asarray, jax.device_get(state))
         return _typed(state, like, meta["key_impl"]), meta
 
 

@@ -66,10 +66,10 @@ class RunConfig:
     """A training run.
 
     Attributes:
-        preset: where the defaults of all other values come from (quick: CPU minutes; lidar: longer, best quality).
-        algo: the learner.
-        scene: all, or the one scene to train and evaluate on.
-        seed: of everything random.
+        preset: quick (CPU minutes) or lidar (longer, best quality): the defaults of all other values.
+        algo: the learner; hsac.
+        scene: all, square, hallway or crosswalk: what to train and evaluate on.
+        seed: seed of everything random.
         out: the run's folder; runs/PRESET-SEED if not given.
         resume: go on with the run that the folder holds.
         world: sizes, switches and floats of the world.

@@ -16,6 +16,8 @@ from .rollout import EpisodeSummary, play
 
 BLOCK = 500  # episodes of each scene that are played at once: one compiled program whatever the number asked for
 
+_EVALUATION = 0x4556414C  # what sets the keys of evaluation apart from those of training
+
 
 def wilson_interval(successes, trials, z=1.959964):
     """95 % confidence interval of a proportion (Wilson 1927)."""
@@ -37,6 +39,12 @@ def make_policy(agent):
     return policy
 
 
+def episode_keys(seed, indices):
+    """Keys of the evaluation episodes with these indices; no key of training, whatever the seeds."""
+    base = jax.random.fold_in(jax.random.key(seed), _EVALUATION)
+    return jax.vmap(lambda i: jax.random.fold_in(base, i))(indices)
+
+
 class Evaluator:
     """Plays the policy, its muted twin and the straight line through one compiled program."""
 
@@ -53,10 +61,8 @@ class Evaluator:
             return jax.tree.map(lambda a, b: jnp.where(straight, a, b), ruled, learnt)
 
         def block(actor, voice, straight, seed, first):
-            base = jax.random.key(seed)
-            keys = jax.vmap(lambda i: jax.random.fold_in(base, first + i))(jnp.arange(BLOCK))
             # The same keys in every scene and for every robot: differences between robots are not luck.
-            keys = jnp.tile(keys, len(world.scenes))
+            keys = jnp.tile(episode_keys(seed, first + jnp.arange(BLOCK)), len(world.scenes))
             summary = play(world, params, either, (actor, voice, straight), keys, scenes, limit)
             return jax.tree.map(lambda leaf: leaf.reshape(len(world.scenes), BLOCK), summary)
 
@@ -75,15 +81,12 @@ class Evaluator:
         arrived = self.summaries(actor, BLOCK, seed).arrived
         return {scene.name: float(rate) for scene, rate in zip(self.world.scenes, arrived.mean(axis=1), strict=True)}
 
-    def evaluate(self, actor, policy_name, episodes, seed, tick=lambda: None):
-        """The contents of evaluation.json. ``tick`` is called after each of the three robots."""
+    def evaluate(self, actor, policy_name, episodes, seed):
+        """The contents of evaluation.json; ``complied`` is a share of the requests that got a reply."""
         start = time.monotonic()
         played = self.summaries(actor, episodes, seed)
-        tick()
         muted = self.summaries(actor, episodes, seed, voice=False)
-        tick()
         straight = self.summaries(actor, episodes, seed, straight=True)
-        tick()
         scenes = {
             scene.name: _scene_metrics(*(EpisodeSummary(*(leaf[i] for leaf in s)) for s in (played, muted, straight)))
             for i, scene in enumerate(self.world.scenes)
@@ -99,7 +102,6 @@ class Evaluator:
 
 def _scene_metrics(played, muted, straight):
     episodes = played.arrived.size
-    asked = played.request > 0
     return {
         "success": float(played.arrived.mean()),
         "success_ci95": wilson_interval(int(played.arrived.sum()), episodes),
@@ -113,7 +115,7 @@ def _scene_metrics(played, muted, straight):
         "muted_success": float(muted.arrived.mean()),
         "muted_min_distance": _mean(muted.min_distance[muted.arrived]),
         "requests": {name: float((played.request == code).mean()) for code, name in enumerate(REQUESTS)},
-        "complied": _mean(played.agreed[asked]),
+        "complied": _mean(played.agreed[played.replied]),
     }
 
 

@@ -1,7 +1,7 @@
 """The training loop on the device: one jitted chunk of many world steps and updates.
 
 A population is a ``vmap`` of `Trainer.train_chunk` over `LoopState` and `Hyperparameters` with
-``in_axes=(member_axes(), 0)``: the counter stays unbatched, so that rows, schedules and warm-up need no second branch.
+``in_axes=(member_axes(), 0)``: the counter stays unbatched, so that replay rows and schedules need no second branch.
 """
 
 import chex
@@ -75,7 +75,7 @@ class Trainer:
 
     def train_chunk(self, loop: LoopState, hyper) -> tuple[LoopState, dict]:
         """``steps_per_chunk`` steps of all episodes with their updates. Metrics are means over the chunk, and sums
-        `[scenes]` of episodes that ended and that arrived."""
+        `[scenes]` of episodes that ended and that arrived; finite says whether all the learner's numbers still are."""
         key, key_pool, key_steps = jax.random.split(loop.key, 3)
         episodes = self.config.episodes
         pool = self._resets(key_pool, episodes)
@@ -87,8 +87,10 @@ class Trainer:
             start,
             jax.random.split(key_steps, self.config.steps_per_chunk),
         )
+        # The metrics of an update are those before its own step: look at what the last one left behind, too.
+        finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(loop.learner)]
         sums = {name: jnp.sum(metrics.pop(name), axis=0) for name in ("episodes_ended", "episodes_arrived")}
-        return loop, jax.tree.map(jnp.mean, metrics) | sums
+        return loop, jax.tree.map(jnp.mean, metrics) | sums | {"finite": jnp.all(jnp.stack(finite))}
 
     def _resets(self, key, count):
         return jax.vmap(lambda key: self.world.reset(key, self.params))(jax.random.split(key, count))

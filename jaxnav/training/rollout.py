@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..world import Outcome, State
+from ..world.types import AGREES, NONE
 
 # A policy is a function (policy parameters, State, World, Params) -> Action of one episode.
 Policy = Callable
@@ -35,7 +36,8 @@ class EpisodeSummary(NamedTuple):
     steps: chex.Array
     min_distance: chex.Array
     comfortable_steps: chex.Array
-    request: chex.Array
+    request: chex.Array  # the first code that counted
+    replied: chex.Array
     agreed: chex.Array
 
 
@@ -49,7 +51,7 @@ def play(world, params, policy, policy_params, keys, scenes, limit):
         key_reset, key_steps = jax.random.split(key)
         state = world.reset(key_reset, params, scene)
         no, zero = jnp.bool_(False), jnp.int32(0)
-        start = EpisodeSummary(no, no, no, no, zero, state.min_distance, zero, zero, no)
+        start = EpisodeSummary(no, no, no, no, zero, state.min_distance, zero, zero, no, no)
 
         def step(carry, key):
             state, summary, done = carry
@@ -63,8 +65,9 @@ def play(world, params, policy, policy_params, keys, scenes, limit):
                 steps=state.t,
                 min_distance=state.min_distance,
                 comfortable_steps=summary.comfortable_steps + (outcome.pedestrian_distance >= params.comfort_distance),
-                request=jnp.maximum(summary.request, outcome.requested),
-                agreed=summary.agreed | jnp.any(state.encounters.reply == 1),
+                request=jnp.where(summary.request == NONE, outcome.requested, summary.request),
+                replied=summary.replied | (outcome.reply != NONE),
+                agreed=summary.agreed | (outcome.reply == AGREES),
             )
             summary = jax.tree.map(lambda new, old: jnp.where(done, old, new), now, summary)
             return (state, summary, done | outcome.terminated | outcome.truncated), None

@@ -2,13 +2,12 @@
 
 import contextlib
 import dataclasses
-import importlib.metadata
+import errno
 import json
+import math
 import os
 import pathlib
-import platform
 import signal
-import subprocess
 import threading
 import time
 
@@ -18,11 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..agents.hsac import HSAC
-from ..errors import UserError
+from ..errors import UserError, remedy
 from .checkpoint import Checkpoints
-from .config import RunConfig, differences, from_json, to_json
-from .evaluation import Evaluator, make_policy
+from .config import RunConfig, differences, from_json, resolve, to_json
+from .evaluation import Evaluator, episode_keys, make_policy
 from .loop import LoopState, Trainer
+from .provenance import provenance
 from .rollout import record
 
 # The seed of evaluations during training; those that count use the seed of the run or of the command.
@@ -79,11 +79,11 @@ class Run:
         path = pathlib.Path(folder) / "config.json"
         try:
             config = from_json(RunConfig, json.loads(path.read_text())["config"])
-        except FileNotFoundError:
+            return cls(resolve(dataclasses.replace(config, out=str(folder))))
+        except (FileNotFoundError, NotADirectoryError):
             raise UserError(f"{folder} holds no run: there is no {path}") from None
-        except (ValueError, KeyError, TypeError) as error:
+        except (UserError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} can't be read ({error}): train anew with another --out") from error
-        return cls(dataclasses.replace(config, out=str(folder)))
 
     def prepare_folder(self):
         """Make the run's folder, or check that it holds the run to resume; UserError if it holds something else."""
@@ -102,8 +102,9 @@ class Run:
         if self.folder.exists() and not self.folder.is_dir():
             raise UserError(f"--out {self.folder} is a file: give a folder")
         if self.folder.exists() and any(self.folder.iterdir()):
-            holds = "already holds a run" if config_path.exists() else "is not empty"
-            raise UserError(f"--out {self.folder} {holds}: go on with --resume, or give another --out")
+            if config_path.exists():
+                raise UserError(f"--out {self.folder} already holds a run: go on with --resume, or give another --out")
+            raise UserError(f"--out {self.folder} is not empty: give another --out")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -120,7 +121,7 @@ class Run:
         checkpoints = Checkpoints(self.folder / "checkpoints")
         metrics_path = self.folder / "metrics.jsonl"
         progress, before, offset = self._start(checkpoints)
-        if metrics_path.exists() and metrics_path.stat().st_size < offset:
+        if (metrics_path.stat().st_size if metrics_path.exists() else 0) < offset:
             raise UserError(f"{metrics_path} is shorter than its checkpoint says: train anew with another --out")
         chunk = jax.jit(self.trainer.train_chunk, donate_argnums=0)
         steps, every = self.config.train.total_steps, self.config.train.steps_per_chunk
@@ -131,12 +132,13 @@ class Run:
             meta = {"config": self._compared, "metrics_bytes": line_end, "wall_seconds": wall}
             checkpoints.save(int(progress.loop.counter), progress, meta)
 
-        with _stop_signals() as stop, open(metrics_path, "a+b") as metrics_file:
+        with _stop_signals() as stop, self._open(metrics_path) as metrics_file:
             metrics_file.truncate(offset)
             while int(progress.loop.counter) < steps:
+                began = time.monotonic()
                 loop, metrics = chunk(progress.loop, self._hyper)
                 metrics, done = jax.device_get((metrics, loop.counter))
-                self._check_finite(metrics, int(done))
+                self._check_finite(metrics, int(done), checkpoints.latest_step())
                 progress = progress.replace(loop=loop)
                 line = self._line(metrics, int(done))
                 if (int(done) // every) % self.config.train.evaluate_every == 0 or int(done) == steps:
@@ -146,31 +148,41 @@ class Run:
                 self._write_line(metrics_file, line)
                 report(line)
                 last = int(done) == steps or stop.number is not None
-                if last or time.monotonic() - saved >= self.config.train.checkpoint_seconds:
+                # Another chunk as long as this one must still fit into what a kill may cost.
+                now = time.monotonic()
+                if last or 2 * now - began - saved >= self.config.train.checkpoint_seconds:
                     save(progress, metrics_file.tell())
                     saved = time.monotonic()
-                if stop.number is not None and int(done) < steps:
+                if stop.number is not None:
                     raise Interrupted(stop.number)
         return progress
 
     def restore(self):
         """The newest `Progress` of the run."""
-        return Checkpoints(self.folder / "checkpoints").restore(self._like(), self._compared)[0]
+        folder = self.folder / "checkpoints"
+        if not folder.is_dir():
+            raise UserError(f"{self.folder} holds no checkpoint: train with --resume --out {self.folder} first")
+        return Checkpoints(folder).restore(self._like(), self._compared)[0]
 
     def actor(self, progress, which):
         """Actor parameters: ``which`` is last or best."""
         return progress.best.actor if which == "best" else progress.loop.learner.actor
 
-    def record(self, actor, episodes, seed, voice=True):
-        """``episodes`` recorded episodes of each scene."""
-        indices = jnp.repeat(jnp.arange(len(self.world.scenes)), episodes)
-        keys = jax.random.split(jax.random.key(seed), len(indices))
-        limit = int(np.ceil(float(self.params.max_steps)))
-        return record(self.world, self.params, make_policy(self.agent), (actor, voice), keys, indices, limit)
+    def record(self, actor, seed, scenes, episodes):
+        """Recorded evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
+        keys = episode_keys(seed, jnp.asarray(episodes))
+        limit = math.ceil(float(self.params.max_steps))
+        policy = make_policy(self.agent)
+        return record(self.world, self.params, policy, (actor, True), keys, jnp.asarray(scenes), limit)
 
     def metrics(self):
-        """The lines of metrics.jsonl."""
-        return [json.loads(line) for line in (self.folder / "metrics.jsonl").read_text().splitlines()]
+        """The lines of metrics.jsonl; one that a kill cut off at the end is left out."""
+        path = self.folder / "metrics.jsonl"
+        try:
+            whole = path.read_text().rpartition("\n")[0]
+            return [json.loads(line) for line in whole.splitlines()]
+        except (OSError, ValueError) as error:
+            raise UserError(f"{path} can't be read ({error}): train anew with another --out") from error
 
     def write_json(self, name, value):
         """Write a file of the run whole or not at all."""
@@ -180,7 +192,8 @@ class Run:
             temporary.write_text(json.dumps(value, indent=1) + "\n")
             temporary.replace(path)
         except OSError as error:
-            raise UserError(f"{path} can't be written ({error.strerror}): free some space and run again") from error
+            temporary.unlink(missing_ok=True)
+            raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
 
     def _start(self, checkpoints):
         """(progress, wall seconds before, bytes of metrics.jsonl that belong to it)."""
@@ -209,66 +222,42 @@ class Run:
             **{name: float(value) for name, value in metrics.items()},
         }
 
-    def _check_finite(self, metrics, counter):
-        broken = [name for name, value in metrics.items() if not np.all(np.isfinite(value))]
+    def _check_finite(self, metrics, counter, saved):
+        broken = [name for name in ("critic_loss", "actor_loss", "q") if not np.isfinite(metrics[name])]
+        if not metrics.pop("finite"):
+            broken = broken or ["the learner"]
         if broken:
+            kept = "none was saved yet" if saved is None else f"that of step {saved} is kept"
             raise UserError(
-                f"{', '.join(broken)} turned non-finite by update {counter * self.config.agent.updates_per_step}: "
-                f"lower hyper.actor-lr and hyper.critic-lr; the last good checkpoint is kept in {self.folder}"
+                f"{', '.join(broken)} turned non-finite by step {counter} (update "
+                f"{counter * self.config.agent.updates_per_step}): train anew with lower hyper.actor_lr and "
+                f"hyper.critic_lr and another --out; of the good checkpoints {kept} in {self.folder}"
             )
+
+    def _open(self, path):
+        try:
+            return open(path, "ab", buffering=0)  # so that closing it after a failure can't fail again
+        except OSError as error:
+            raise UserError(f"{path} can't be opened ({error.strerror}): {remedy(error)}") from error
 
     def _write_line(self, file, line):
         try:
-            file.write(json.dumps(line).encode() + b"\n")
-            file.flush()
+            data = json.dumps(line).encode() + b"\n"
+            if file.write(data) < len(data):  # what still fitted
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise UserError(
                 f"{self.folder / 'metrics.jsonl'} can't be written ({error.strerror}): "
-                f"free some space, then go on with --resume"
+                f"{remedy(error)}, then go on with --resume"
             ) from error
 
 
 def _better(progress, score):
     """The `Best` after an evaluation with that score."""
-    if score < float(progress.best.score):
+    if np.float32(score) < progress.best.score:
         return progress.best
     actor = jax.tree.map(jnp.copy, progress.loop.learner.actor)
     return Best(actor=actor, score=jnp.float32(score), step=jnp.copy(progress.loop.counter))
-
-
-def provenance():
-    """Versions, git commit and device: what a result needs beside its configuration and seed."""
-    packages = ("jaxnav", "jax", "jaxlib", "flax", "optax", "numpy")
-    return {
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},
-        "git_commit": _git_commit(),
-        "device": f"{jax.devices()[0].device_kind}, {os.cpu_count()} CPU cores",
-    }
-
-
-def _version(package):
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
-def _git_commit():
-    """The commit of this source tree, "+" appended if it has changes; None outside of git."""
-    here = pathlib.Path(__file__).parent
-
-    def git(*arguments):
-        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, timeout=10)
-        return done.stdout.strip() if done.returncode == 0 else None
-
-    try:
-        commit = git("rev-parse", "HEAD")
-        # An installed copy may lie inside some other repository: only a tracked file speaks for its commit.
-        if commit is None or not git("ls-files", pathlib.Path(__file__).name):
-            return None
-        return commit + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
-    except (OSError, subprocess.TimeoutExpired):
-        return None
 
 
 class _Stop:

@@ -82,7 +82,7 @@ def follows_message(encounter, robot):
 def advance(encounter, fate, robot, pedestrian, walls, word, params):
     """Close or open the gate after a step; a pedestrian that is first speaks at opening.
 
-    word: a random uint32, the wording of what is said (a message, or small talk).
+    word: a random uint32; its lower 16 bits, plus 1, become the wording of what is said (a message, or small talk).
     """
     px, py = pedestrian.x - robot.x, pedestrian.y - robot.y
     distance = norm(px, py)
@@ -98,10 +98,10 @@ def advance(encounter, fate, robot, pedestrian, walls, word, params):
     message = jnp.where(stays | opens, message, NONE)
     request = jnp.where(stays, encounter.request, NONE)
 
-    # The lowest bits decide on small talk, so that the wording (all bits) stays free; 0 would mean silence.
-    chats = (word & 0xFFFF).astype(jnp.float32) < params.small_talk * 65536.0
+    # Half of the bits decide on small talk, the other half choose its wording; 0 would mean silence.
+    chats = (word >> 16).astype(jnp.float32) < params.small_talk * 65536.0
     held = jnp.where(message != NONE, encounter.utterance, 0)
-    utterance = jnp.where(speaks | (chats & (message == NONE)), jnp.maximum(word, 1), held)
+    utterance = jnp.where(speaks | (chats & (message == NONE)), (word & 0xFFFF) + 1, held)
 
     def freeze(now, before):
         return jnp.where(opens, now, before)

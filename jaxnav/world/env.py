@@ -9,7 +9,7 @@ import numpy as np
 from . import dialogue, pedestrian, reward, scenes, sensing
 from .geometry import closest_approach, norm, time_to_disc, time_to_slab, to_frame, unit
 from .robot import arc, twist_from_action
-from .types import Fate, Outcome, Params, Pedestrian, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+from .types import NONE, Fate, Outcome, Params, Pedestrian, Robot, SeenPedestrian, Snapshot, State, WorldConfig
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
 _CHORDS = 2
@@ -37,6 +37,19 @@ def check_params(params):
             raise ValueError(f"world.params.{name} is {value}: give a number of at least 0")
         if name in _PROBABILITIES and np.any((value < 0) | (value > 1)):
             raise ValueError(f"world.params.{name} is {value}: give a probability, 0 to 1")
+    _check_order(params, "preferred_speed", "max_speed")
+    for name in ("robot_radius", "body_radius"):
+        value = params[name]
+        if not isinstance(value, jax.core.Tracer) and np.any(np.asarray(value) >= scenes.CLEARANCE):
+            raise ValueError(
+                f"world.params.{name} is {value}: give less than {scenes.CLEARANCE}, the gap from starts to walls"
+            )
+
+
+def _check_order(params, low, high):
+    pair = params[low], params[high]
+    if not any(isinstance(value, jax.core.Tracer) for value in pair) and np.any(np.asarray(pair[0]) > pair[1]):
+        raise ValueError(f"world.params.{high} is {pair[1]}: give at least world.params.{low}, which is {pair[0]}")
 
 
 class World:
@@ -101,7 +114,7 @@ class World:
         asked = dialogue.address(state.encounters, action.code)
         encounters = jax.vmap(dialogue.receive, in_axes=(0, 0, 0, None))(state.encounters, asked, fates, params)
         fits = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(before, state.pedestrians)
-        fits = jnp.any((asked != 0) & (asked == fits))
+        fits = jnp.any((asked != NONE) & (asked == fits))
 
         pedestrians = pedestrian.walk(state.pedestrians, encounters, fates, before, walls, self.config, params)
         robot, path = self._drive(before, action, params)
@@ -119,14 +132,15 @@ class World:
         )  # fmt: skip
 
         words = jax.random.bits(key, (self.config.pedestrians,), jnp.uint32)
+        replies = encounters.reply
         encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words, params)
         t = state.t + 1
         terminated = arrived | collided
         outcome = Outcome(
             reward=sum(terms.values()), reward_terms=terms, terminated=terminated,
             truncated=(t >= params.max_steps) & ~terminated, arrived=arrived, collided=collided,
-            hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), pedestrian_distance=distance,
-            goal_distance=goal_distance,
+            hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), reply=jnp.max(replies),
+            pedestrian_distance=distance, goal_distance=goal_distance,
         )  # fmt: skip
         new = state.replace(t=t, robot=robot, pedestrians=pedestrians, encounters=encounters, min_distance=min_distance)
         return new, outcome
@@ -138,15 +152,15 @@ class World:
     def snapshot(self, state: State) -> Snapshot:
         """All that `observe` reads of a state, small: what replay stores."""
         robot, encounters = state.robot, state.encounters
-        small = {"message": jnp.uint8, "message_age": jnp.uint8, "request": jnp.uint8, "request_age": jnp.uint8}
-        small |= {"reply": jnp.uint8, "is_open": bool, "pedestrian_first": bool, "utterance": jnp.uint32}
+        small = ("message", "message_age", "request", "request_age", "reply")
         return Snapshot(
             t=state.t.astype(jnp.uint16), scene=state.scene.astype(jnp.uint8), seed=state.seed,
             x=robot.x, y=robot.y, heading=robot.heading, v=robot.v, w=robot.w, goal_x=robot.goal_x,
             goal_y=robot.goal_y, turned=robot.start_heading - robot.heading, past=robot.past,
             pedestrians=SeenPedestrian(
                 **{name: getattr(state.pedestrians, name) for name in ("x", "y", "vx", "vy")},
-                **{name: encounters[name].astype(dtype) for name, dtype in small.items()},
+                **{name: jnp.minimum(encounters[name], 255).astype(jnp.uint8) for name in small},
+                **{name: encounters[name] for name in ("is_open", "pedestrian_first", "utterance")},
             ),
         )  # fmt: skip
 
@@ -172,21 +186,23 @@ class World:
     def _contacts(self, path, robot, walked_from, walked_to, walls, params):
         """(arrived, collided, hit_pedestrian, surface distance to the nearest pedestrian); the earliest event wins."""
         radius = params.robot_radius + params.body_radius
-        if not self.config.swept_collisions:
-            path = [path[-1], path[-1]]
-            walked_from = walked_to
-        chords = len(path) - 1
         arrival = wall_hit = pedestrian_hit = distance = jnp.float32(jnp.inf)
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
+            to_goal = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, x1 - x0, y1 - y0, params.goal_tolerance)
+            arrival = jnp.minimum(arrival, i + to_goal)
+        begin = 0
+        if not self.config.swept_collisions:
+            begin, path, walked_from = len(path) - 1, [path[-1], path[-1]], walked_to
+        chords = len(path) - 1
+        for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             ex, ey = x1 - x0, y1 - y0
-            time = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, ex, ey, params.goal_tolerance)
-            arrival = jnp.minimum(arrival, i + time)
-            wall_hit = jnp.minimum(wall_hit, i + _time_to_walls(x0, y0, ex, ey, walls, params.robot_radius))
-
+            wall_time = _time_to_walls(x0, y0, ex, ey, walls, params.robot_radius)
+            wall_hit = jnp.minimum(wall_hit, begin + i + wall_time)
             walk_x, walk_y = (walked_to.x - walked_from.x) / chords, (walked_to.y - walked_from.y) / chords
             rx, ry = x0 - walked_from.x - i * walk_x, y0 - walked_from.y - i * walk_y
             rex, rey = ex - walk_x, ey - walk_y
-            pedestrian_hit = jnp.minimum(pedestrian_hit, i + jnp.min(time_to_disc(rx, ry, rex, rey, radius)))
+            pedestrian_time = jnp.min(time_to_disc(rx, ry, rex, rey, radius))
+            pedestrian_hit = jnp.minimum(pedestrian_hit, begin + i + pedestrian_time)
             t = closest_approach(rx, ry, rex, rey)
             distance = jnp.minimum(distance, jnp.min(norm(rx + t * rex, ry + t * rey)) - radius)
         collision = jnp.minimum(wall_hit, pedestrian_hit)

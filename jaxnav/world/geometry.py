@@ -26,11 +26,6 @@ def cross2d(ax, ay, bx, by):
     return ax * by - ay * bx
 
 
-def rotate(x, y, cos, sin):
-    """(x, y) turned by the angle of (cos, sin)."""
-    return cos * x - sin * y, sin * x + cos * y
-
-
 def to_frame(x, y, cos, sin):
     """A world vector (x, y) in the axes of a frame whose heading is (cos, sin)."""
     return cos * x + sin * y, cos * y - sin * x

@@ -5,13 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import dialogue, lidar
-from .geometry import to_frame
+from .geometry import to_frame, unit
 from .types import NONE, Observation, ObservedDialogue
 
 GRID = 48
 CELL = 0.125  # metres; the map spans 6 x 6 m with the robot at its centre
 _UNKNOWN, _ROBOT = 200 / 255, 100 / 255
 _MAP_BODY_RADIUS = 0.3
+_LEG_OFFSET = 0.1  # from the middle of a pedestrian to each leg
 
 
 def _cells():
@@ -52,7 +53,11 @@ def _scan(snapshot, cos, sin, walls, config, params):
     directions = lidar.beam_directions(config.beams)
     x, y, seen = snapshot.x, snapshot.y, snapshot.pedestrians
     ranges = lidar.raycast(x, y, cos, sin, walls, directions, params.scan_range)
-    ranges = lidar.raycast_discs(ranges, x, y, cos, sin, seen.x, seen.y, params.body_radius, directions)
+    for side in (-_LEG_OFFSET, _LEG_OFFSET) if config.body == "legs" else (0.0,):
+        # Across the way it walks; the legs of one who stands are together.
+        ux, uy = unit(seen.vx, seen.vy)
+        disc_x, disc_y = seen.x - side * uy, seen.y + side * ux
+        ranges = lidar.raycast_discs(ranges, x, y, cos, sin, disc_x, disc_y, params.body_radius, directions)
     if config.scan_noise:
         key = jax.random.fold_in(jax.random.key(snapshot.seed), snapshot.t)
         ranges = lidar.add_noise(key, ranges, params)

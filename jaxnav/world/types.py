@@ -26,14 +26,15 @@ class WorldConfig:
     """Sizes and switches of a world: static under ``jit`` and hashable. Every float that may vary is in `Params`.
 
     Attributes:
-        scenes: of which each episode draws one.
-        pedestrians: P, pedestrians in every episode.
+        scenes: scenes of which each episode draws one.
+        pedestrians: number of pedestrians in every episode (P).
         nearest: the most pedestrians that are observed, nearest first.
-        beams: B, laser beams over [-pi/2, pi/2].
+        beams: number of laser beams over [-pi/2, pi/2] (B).
         observation: the parts to sense besides pose and twist: scan, pedestrians, dialogue, sensor_map, pedestrian_map.
         scan_noise: draw range noise and dropouts; off saves one random word a beam.
         hearing: whether the robot hears; a deaf one observes silence although pedestrians commit all the same.
         reward: code, the authors' code; text, their paper's text (all terms each step, closeness at arrival).
+        body: what the laser sees of a pedestrian: a disc, or two legs of that size beside each other while it walks.
         swept_collisions: test contact over the whole step; off tests the end of the step only.
         wall_neighbors: walls a pedestrian avoids at once, nearest first.
         max_neighbors: other pedestrians a pedestrian avoids at once, nearest first.
@@ -48,6 +49,7 @@ class WorldConfig:
     hearing: bool = True
     reward: Literal["code", "text"] = "code"
     swept_collisions: bool = True
+    body: Literal["disc", "legs"] = "disc"
     wall_neighbors: int = 4
     max_neighbors: int = 10
 
@@ -67,6 +69,10 @@ class WorldConfig:
                 raise ValueError(f"world.observation names {part!r}: choose from {', '.join(OBSERVATION_PARTS)}")
         if self.reward not in ("code", "text"):
             raise ValueError(f"world.reward is {self.reward!r}: choose code or text")
+        if self.body not in ("disc", "legs"):
+            raise ValueError(f"world.body is {self.body!r}: choose disc or legs")
+        if len(set(self.scenes)) < len(self.scenes):
+            raise ValueError(f"world.scenes is {' '.join(self.scenes)}: name every scene once")
         if not self.scenes:
             raise ValueError("world.scenes is empty: name at least one scene")
 
@@ -82,7 +88,7 @@ class Params:
     dt: float = 0.4  # control period, s
     max_v: float = 0.6  # top speed, m/s
     max_w: float = 0.9  # top turning rate, rad/s
-    robot_radius: float = 0.17  # m
+    robot_radius: float = 0.17  # radius of the robot's disc, m
     goal_tolerance: float = 0.3  # distance to the goal that counts as arrival, m
     max_steps: float = 100.0  # steps after which an episode is truncated
     # Laser (section 3)
@@ -90,9 +96,9 @@ class Params:
     scan_noise_std: float = 0.01  # standard deviation of a range, m (with world.scan-noise)
     scan_dropout: float = 0.01  # share of beams that read scan_range (with world.scan-noise)
     # Pedestrians (section 7)
-    body_radius: float = 0.1  # m
+    body_radius: float = 0.1  # radius of a pedestrian's body, m
     preferred_speed: float = 0.5  # walking speed, m/s
-    max_speed: float = 0.5  # m/s
+    max_speed: float = 0.5  # top speed of a pedestrian, m/s
     awareness: float = 0.5  # distance at which a pedestrian starts to avoid the robot by itself, m
     neighbor_distance: float = 0.5  # distance at which pedestrians start to avoid each other, m
     time_horizon: float = 5.0  # for how long a velocity is to be free of other agents, s
@@ -330,7 +336,8 @@ class Outcome:
 
     reward; reward_terms; terminated: arrival or collision; truncated: out of time, neither of the two;
     arrived, collided, hit_pedestrian (<= collided): the events; requested: the code that counted as a request in this
-    step; pedestrian_distance: smallest surface distance to a pedestrian within the step; goal_distance: at its end.
+    step; reply: the answer that came in this step or holds; pedestrian_distance: smallest surface distance to a
+    pedestrian within the step; goal_distance: at its end.
     """
 
     reward: jax.Array
@@ -341,5 +348,6 @@ class Outcome:
     collided: jax.Array
     hit_pedestrian: jax.Array
     requested: jax.Array
+    reply: jax.Array
     pedestrian_distance: jax.Array
     goal_distance: jax.Array

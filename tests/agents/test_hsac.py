@@ -50,12 +50,12 @@ def test_bandit_learns_the_closed_form_optimum():
             observation=observation, next_observation=observation, twist=twist, code=code, reward=reward,
             terminated=jnp.ones(batch),
         )  # fmt: skip
-        return AGENT.update(key_update, state, data, hyper, 1.0 - index / 1500)[0], None
+        return AGENT.update(key_update, state, data, hyper, 1.0 - index / 2500)[0], None
 
     @jax.jit
     def train(key):
         state = AGENT.init(key, blank_observation(True), hyper)
-        return jax.lax.scan(step, state, (jax.random.split(key, 1500), jnp.arange(1500)))[0]
+        return jax.lax.scan(step, state, (jax.random.split(key, 2500), jnp.arange(2500)))[0]
 
     actor = train(jax.random.key(0)).actor
     learnt_mean, learnt_log_std, logits = AGENT.actor.apply(actor, blank_observation(True))

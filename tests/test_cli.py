@@ -1,0 +1,333 @@
+"""The command line from outside: what it trains, what it prints, and how it ends."""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from jaxnav import cli
+from jaxnav.training.config import Hyperparameters, RunConfig, TrainConfig
+from jaxnav.training.run import Run
+from jaxnav.world import Params, WorldConfig
+
+# The smallest run worth interrupting: 12 chunks, each evaluated and saved.
+SIZES = {
+    "scene": "square", "world.beams": 16, "world.params.max-steps": 12, "agent.actor-widths": 16,
+    "agent.critic-widths": 16, "agent.batch": 32, "agent.updates-per-step": 2, "train.episodes": 16,
+    "train.replay-rows": 20, "train.steps-per-chunk": 5, "train.total-steps": 60, "train.evaluate-every": 1,
+    "train.checkpoint-seconds": 0,
+}  # fmt: skip
+
+
+def sized(**changes):
+    sizes = SIZES | {name.replace("__", "."): value for name, value in changes.items()}
+    return [word for name, value in sizes.items() for word in (f"--{name}", str(value))]
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    """Processes share what they compile, and nothing with the user's own cache."""
+    cache = tmp_path_factory.getbasetemp() / "xla-cli"
+    return os.environ | {"JAX_PLATFORMS": "cpu", "JAX_COMPILATION_CACHE_DIR": str(cache)}
+
+
+@pytest.fixture(scope="module")
+def jaxnav(environment):
+    """Runs the command in a process of its own."""
+
+    def run(*arguments, **options):
+        command = [sys.executable, "-m", "jaxnav.cli", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240, **options)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def trained(jaxnav, tmp_path_factory):
+    """(folder, what was printed) of a run that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("trained") / "run"
+    done = jaxnav("train", *sized(), "--out", folder)
+    assert done.returncode == 0, done.stderr
+    return folder, done
+
+
+def content(folder):
+    """{path: bytes} of all files, None of folders."""
+    paths = sorted(pathlib.Path(folder).rglob("*"))
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in paths}
+
+
+def fails(capsys, *arguments):
+    """The one line on stderr with which a command ends that can't be done; nothing on stdout, exit code 2."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main(list(map(str, arguments)))
+    out, err = capsys.readouterr()
+    assert stop.value.code == 2
+    assert out == ""
+    assert re.fullmatch(r"error: [^\n]+\n", err), err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["trian"], ["'trian'", "train, evaluate, render"]),
+        (["--seed", 1], ["'--seed'", "train, evaluate, render"]),
+        (["train", "--preset", "fast"], ["preset", "'fast'", "quick, lidar"]),
+        (["train", "--preset=fast"], ["preset", "'fast'", "quick, lidar"]),
+        (["train", "--scene", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
+        (["train", "--world.scenes", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
+        (["train", "--algo", "dqn"], ["algo", "'dqn'", "hsac"]),
+        (["train", "--agent.encoder", "cnn"], ["agent.encoder", "'cnn'", "lidar"]),
+        (["train", "--wings", 2], ["--wings", "--help"]),
+        (["train", "square"], ["square", "--help"]),
+        (["train", "--seed", "x"], ["--seed", "'x'"]),
+        (["train", "--seed", -1], ["seed", "-1", "from 0 to"]),
+        (["train", "--seed"], ["--seed"]),
+        (["train", "--world.pedestrians", 17], ["world.pedestrians", "17", "hallway", "16"]),
+        (["train", "--world.beams", -3], ["world.beams", "-3", "at least 2"]),
+        (["train", "--world.params.body-radius", "nan"], ["world.params.body_radius", "nan", "finite"]),
+        (["train", "--world.params.robot-radius", -0.1], ["world.params.robot_radius", "-0.1", "above 0"]),
+        (["train", "--world.params.compliance", 1.5], ["world.params.compliance", "1.5", "0 to 1"]),
+        (["train", "--world.observation", "scan"], ["world.observation", "dialogue", "pedestrians"]),
+        (["train", "--world.reward", "gold"], ["--world.reward", "'gold'", "code", "text"]),
+        (["train", "--hyper.discount", 2], ["hyper.discount", "2", "0 to 1"]),
+        (["train", "--train.total-steps", 7], ["train.total_steps", "7", "multiple of train.steps_per_chunk"]),
+        (["train", "--train.checkpoint-seconds", "nan"], ["train.checkpoint_seconds", "nan"]),
+        (["evaluate"], ["run's folder"]),
+        (["evaluate", "no/where"], ["no/where", "holds no run"]),
+        (["evaluate", "x", "--episodes", 0], ["--episodes", "0", "from 1"]),
+        (["evaluate", "x", "--seed", -1], ["--seed", "-1", "from 0"]),
+        (["evaluate", "x", "--policy", "worst"], ["--policy", "'worst'", "last or best"]),
+        (["evaluate", __file__], ["holds no run"]),
+        (["render", "no/where"], ["no/where", "holds no run"]),
+        (["render", "x", "--seed", 2**32], ["--seed", str(2**32), "from 0"]),
+    ],
+    ids=lambda value: " ".join(map(str, value))[:60],
+)  # fmt: skip
+def test_what_cannot_be_done_is_one_line_and_exit_code_2(capsys, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    error = fails(capsys, *arguments)
+    assert all(word in error for word in said), error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_process_ends_with_that_line_too(environment, tmp_path, encoding):
+    """In every terminal: what the parser of options draws in boxes or, where there are none, in ASCII."""
+    for arguments, said in (
+        (["--scene", "moon"], "scene 'moon' is unknown: choose"),
+        (["--train.episodes", "0"], "train.episodes is 0: give a whole number of at least 1"),
+    ):
+        command = [sys.executable, "-m", "jaxnav.cli", "train", *arguments]
+        environment = environment | {"PYTHONIOENCODING": encoding}
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert re.fullmatch(rf"error: {said}[^\n]+\n", done.stderr), done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def options_of(cls):
+    return {name.replace("_", "-") for name in cls.__dataclass_fields__}
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        (
+            "train",
+            {"preset", "algo", "scene", "seed", "out", "resume"}
+            | {f"world.{name}" for name in options_of(WorldConfig)}
+            | {f"world.params.{name}" for name in options_of(Params)}
+            | {f"agent.{name}" for name in options_of(RunConfig().agent)}
+            | {f"hyper.{name}" for name in options_of(Hyperparameters)}
+            | {f"train.{name}" for name in options_of(TrainConfig)},
+        ),
+        ("evaluate", {"episodes", "seed", "scene", "policy", "json"}),
+        ("render", {"seed", "policy"}),
+    ],
+)
+def test_help_tells_of_every_option(capsys, command, options):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([command, "--help"])
+    assert stop.value.code == 0
+    shown = set(re.findall(r"--([a-z][\w.-]*)", capsys.readouterr().out))
+    assert options <= shown
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"]])
+def test_help_tells_of_every_command(capsys, arguments):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    assert stop.value.code == 0
+    out = capsys.readouterr().out
+    assert all(f"\n  {command} " in out for command in ("train", "evaluate", "render"))
+
+
+def test_training_fills_its_folder_and_says_so(trained):
+    folder, done = trained
+    names = {
+        "config.json", "metrics.jsonl", "checkpoints", "evaluation.json", "trajectories.png", "episode.gif",
+        "learning_curve.png",
+    }  # fmt: skip
+    assert {path.name for path in folder.iterdir()} == names
+    assert str(folder) in done.stdout.splitlines()[-1]
+    assert all(name in done.stdout for name in names - {"checkpoints"})
+    # Not on a terminal: a line for each evaluation, with what remains to be done.
+    progress = done.stderr.splitlines()[-12:]
+    assert all(re.match(r" *\d+%  .*success square [\d.]+, \d+ s left$", line) for line in progress), done.stderr
+    assert progress[-1].startswith("100%")
+    result = json.loads((folder / "evaluation.json").read_text())
+    assert (result["policy"], result["episodes"], result["seed"]) == ("last", 500, 0)
+
+
+def test_evaluate_prints_one_json_object(jaxnav, trained):
+    folder, _ = trained
+    before = content(folder)
+    done = jaxnav("evaluate", folder, "--episodes", 500, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("\n") == 1
+    result, stored = json.loads(done.stdout), json.loads((folder / "evaluation.json").read_text())
+    # The checkpoint holds the very policy that training evaluated.
+    assert result["scenes"] == stored["scenes"]
+    assert content(folder) == before
+
+
+def test_render_draws_the_pictures_again(jaxnav, trained, tmp_path):
+    folder, pictures = tmp_path / "run", ("trajectories.png", "episode.gif", "learning_curve.png")
+    shutil.copytree(trained[0], folder)
+    for name in pictures:
+        (folder / name).unlink()
+    done = jaxnav("render", folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [str(folder / name) for name in pictures]
+    for name in pictures:
+        assert (folder / name).read_bytes()[:4] in (b"\x89PNG", b"GIF8"), name
+
+
+class Interruptible:
+    """A training process whose lines on stderr are read as they come."""
+
+    def __init__(self, environment, *arguments):
+        command = [sys.executable, "-m", "jaxnav.cli", "train", *map(str, arguments)]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
+        )
+
+    def stop(self, number, chunks):
+        """Send the signal once ``chunks`` lines of progress were printed; (exit code, what was printed after)."""
+        seen = 0
+        while seen < chunks:
+            line = self.process.stderr.readline()
+            assert line, "ended too early"
+            seen += "%  " in line
+        self.process.send_signal(number)
+        rest = self.process.communicate()[1]
+        return self.process.returncode, rest
+
+
+def test_a_run_interrupted_in_every_way_ends_like_one_never_touched(environment, jaxnav, trained, tmp_path):
+    """kill -9, Ctrl-C and SIGTERM, each followed by --resume: the same parameters and the same lines, bit for bit."""
+    folder = tmp_path / "run"
+    arguments = [*sized(), "--out", folder]
+    code, rest = Interruptible(environment, *arguments).stop(signal.SIGKILL, chunks=3)
+    assert code == -signal.SIGKILL
+    for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+        saved = Run.open(folder)
+        stopped, rest = Interruptible(environment, *arguments, "--resume").stop(number, chunks=2)
+        assert stopped == code
+        assert "Traceback" not in rest
+        assert f"--resume --out {folder}" in rest
+        # What was saved is what the last line tells of: nothing is lost.
+        lines = saved.metrics()
+        assert int(saved.restore().loop.counter) * 16 == lines[-1]["env_steps"]
+    assert not (folder / "evaluation.json").exists()
+    done = jaxnav("train", *arguments, "--resume")
+    assert done.returncode == 0, done.stderr
+
+    whole, resumed = (Run.open(path) for path in (trained[0], folder))
+    a, b = whole.metrics(), resumed.metrics()
+    assert len(a) == 12
+    for line in (*a, *b):
+        assert line.pop("wall_seconds") > 0
+    assert a == b
+    for (path, x), y in zip(
+        jax.tree_util.tree_leaves_with_path(whole.restore()), jax.tree.leaves(resumed.restore()), strict=True
+    ):
+        if jax.numpy.issubdtype(x.dtype, jax.dtypes.prng_key):
+            x, y = jax.random.key_data(x), jax.random.key_data(y)
+        np.testing.assert_array_equal(x, y, err_msg=jax.tree_util.keystr(path))
+
+
+def test_a_loss_that_turns_non_finite_stops_the_run(jaxnav, tmp_path):
+    folder = tmp_path / "a [bold]run[/b] of mine"
+    done = jaxnav("train", *sized(), "--hyper.critic-lr", 1e38, "--out", folder)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    error = done.stderr.splitlines()[-1]
+    assert re.match(r"error: .*critic_loss.* turned non-finite by step 5 .*lower .*hyper.critic.lr", error), error
+    assert f"training in {folder} (preset quick, seed 0); the first chunk compiles" in done.stderr.splitlines()
+    assert not (folder / "evaluation.json").exists()
+
+
+def test_a_folder_that_holds_a_run_is_not_touched(capsys, trained):
+    folder, _ = trained
+    before = content(folder)
+    assert "already holds a run" in fails(capsys, "train", *sized(), "--out", folder)
+    assert "another hyper.tau:" in fails(capsys, "train", *sized(hyper__tau=0.5), "--resume", "--out", folder)
+    assert "--scene 'hallway' is not in this run" in fails(capsys, "evaluate", folder, "--scene", "hallway")
+    assert content(folder) == before
+
+
+def test_the_last_preset_counts_like_the_last_of_every_option(capsys):
+    assert "scene 'moon'" in fails(capsys, "train", "--preset", "fast", "--preset", "quick", "--scene", "moon")
+    assert "preset 'fast'" in fails(capsys, "train", "--preset", "quick", "--preset=fast", "--scene", "moon")
+
+
+def test_there_has_to_be_a_run_to_resume(capsys, tmp_path):
+    error = fails(capsys, "train", "--resume", "--out", tmp_path / "run")
+    assert "holds no run to resume" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["evaluate", "render"])
+def test_a_damaged_checkpoint_is_one_line(jaxnav, trained, tmp_path, command):
+    folder = tmp_path / "run"
+    shutil.copytree(trained[0], folder)
+    newest = folder / "checkpoints" / "step_60"
+    os.truncate(max((path for path in newest.rglob("*") if path.is_file()), key=lambda path: path.stat().st_size), 100)
+    before = content(folder)
+    done = jaxnav(command, folder)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(rf"error: {re.escape(str(newest))} is damaged: [^\n]+\n", done.stderr)
+    assert content(folder) == before
+
+
+def test_a_disk_that_fills_up_is_one_line_and_the_older_checkpoints_stay(environment, trained, tmp_path):
+    """No file may grow beyond 40 kB, which the checkpoints of this run do: writing fails like on a full disk."""
+    folder = tmp_path / "run"
+    code = (
+        "import resource, signal, sys, jaxnav.cli as cli;"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000));"
+        "cli.main(sys.argv[1:])"
+    )
+    shutil.copytree(trained[0], folder)
+    shutil.rmtree(folder / "checkpoints" / "step_60")
+    command = [sys.executable, "-c", code, "train", *sized(), "--resume", "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    error = done.stderr.splitlines()[-1]
+    assert re.match(
+        r"error: \S+/checkpoints could not take the checkpoint of step 60 \(.+\): .*go on with --resume", error
+    )
+    assert int(Run.open(folder).restore().loop.counter) == 55

@@ -1,0 +1,156 @@
+"""Configurations: to JSON and back, what differs, and one line about every value that can't be."""
+
+import dataclasses
+import json
+
+import pytest
+
+from jaxnav.agents.hsac import HSACConfig, Hyperparameters
+from jaxnav.errors import UserError
+from jaxnav.training.config import (
+    PRESETS,
+    RunConfig,
+    TrainConfig,
+    WorldSettings,
+    differences,
+    from_json,
+    resolve,
+    to_json,
+)
+from jaxnav.world import Params, World, WorldConfig
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_are_named_and_survive_json(preset):
+    config = resolve(PRESETS[preset])
+    assert config.preset == preset
+    assert config.out == f"runs/{preset}-0"
+    assert from_json(RunConfig, json.loads(json.dumps(to_json(config)))) == config
+
+
+def test_every_field_survives_json():
+    config = RunConfig(
+        scene="hallway", seed=7, world=WorldSettings(beams=31, hearing=False, params=Params(compliance=0.25)),
+        agent=HSACConfig(critic_widths=(3, 5)), hyper=Hyperparameters(tau=0.5), train=TrainConfig(episodes=3),
+    )  # fmt: skip
+    again = from_json(RunConfig, json.loads(json.dumps(to_json(config))))
+    assert again == config
+    assert isinstance(again.agent.critic_widths, tuple) and hash(again.agent) == hash(config.agent)
+
+
+@pytest.mark.parametrize("where", [(), ("world",), ("world", "params"), ("hyper",)])
+def test_json_with_a_missing_or_unknown_field_is_refused_by_its_name(where):
+    for change, name in ((lambda d: d.update(surprise=1), "surprise"), (lambda d: d.pop(next(iter(d))), None)):
+        data = inner = to_json(RunConfig())
+        for key in where:
+            inner = inner[key]
+        name = name or next(iter(inner))
+        change(inner)
+        with pytest.raises(ValueError, match=rf"field {name} is (missing|unknown)"):
+            from_json(RunConfig, data)
+
+
+def test_differences_are_dotted_names():
+    old = to_json(RunConfig())
+    new = to_json(RunConfig(seed=1, world=WorldSettings(beams=3, params=Params(dt=0.1)), agent=HSACConfig(batch=1)))
+    assert differences(old, old) == []
+    assert differences(old, new) == ["agent.batch", "seed", "world.beams", "world.params.dt"]
+    assert differences({"a": {"b": 1}}, {}) == ["a"]
+    assert differences({}, {"a": 1}) == ["a"]
+
+
+def test_one_scene_becomes_the_only_scene_of_the_world():
+    assert resolve(RunConfig(scene="hallway")).world.scenes == ("hallway",)
+    assert resolve(RunConfig()).world.scenes == ("square", "hallway", "crosswalk")
+    assert isinstance(resolve(RunConfig()).world.world(), World)
+
+
+@pytest.mark.parametrize(
+    ("make", "field", "value"),
+    [
+        (lambda: TrainConfig(episodes=0), "train.episodes", "0"),
+        (lambda: TrainConfig(replay_rows=-5), "train.replay_rows", "-5"),
+        (lambda: TrainConfig(steps_per_chunk=2.5), "train.steps_per_chunk", "2.5"),
+        (lambda: TrainConfig(total_steps=26), "train.total_steps", "26"),
+        (lambda: TrainConfig(evaluate_every=0), "train.evaluate_every", "0"),
+        (lambda: TrainConfig(checkpoint_seconds=-1.0), "train.checkpoint_seconds", "-1.0"),
+        (lambda: TrainConfig(checkpoint_seconds=NAN), "train.checkpoint_seconds", "nan"),
+        (lambda: HSACConfig(encoder="grid-net"), "agent.encoder", "'grid-net'"),
+        (lambda: HSACConfig(batch=0), "agent.batch", "0"),
+        (lambda: HSACConfig(updates_per_step=-1), "agent.updates_per_step", "-1"),
+        (lambda: HSACConfig(actor_widths=()), "agent.actor_widths", r"\(\)"),
+        (lambda: HSACConfig(critic_widths=(8, -8)), "agent.critic_widths", r"\(8, -8\)"),
+        (lambda: HSACConfig(huber_delta=NAN), "agent.huber_delta", "nan"),
+        (lambda: WorldConfig(pedestrians=-1), "world.pedestrians", "-1"),
+        (lambda: WorldConfig(beams=1), "world.beams", "1"),
+        (lambda: WorldConfig(beams=NAN), "world.beams", "nan"),
+        (lambda: WorldConfig(observation=("scan", "smell")), "world.observation", "'smell'"),
+        (lambda: WorldConfig(reward="money"), "world.reward", "'money'"),
+        (lambda: WorldConfig(scenes=()), "world.scenes", "empty"),
+    ],
+)
+def test_a_bad_size_is_refused_with_field_value_and_remedy(make, field, value):
+    with pytest.raises(ValueError, match=rf"^{field}.* {value}.*: (give|choose|name) |^{field} is {value}: name"):
+        make()
+
+
+def run_config(**fields):
+    """A `RunConfig`; names with a double underscore reach into the group before it."""
+    config = RunConfig()
+    for name, value in fields.items():
+        *groups, field = name.split("__")
+        parts = [config]
+        for group in groups:
+            parts.append(getattr(parts[-1], group))
+        for group, part in zip([*reversed(groups), None], reversed(parts), strict=True):
+            value, field = dataclasses.replace(part, **{field: value}), group
+        config = value
+    return config
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "field"),
+    [
+        ("algo", "dreamer", "algo"),
+        ("scene", "moon", "scene"),
+        ("seed", -1, "seed"),
+        ("seed", 2**32, "seed"),
+        ("world__scenes", ("square", "moon"), "scene"),
+        ("world__observation", ("scan", "dialogue"), "world.observation"),
+        ("world__pedestrians", 17, "world.pedestrians"),
+        ("world__params__body_radius", -0.1, "world.params.body_radius"),
+        ("world__params__robot_radius", 0.0, "world.params.robot_radius"),
+        ("world__params__robot_radius", NAN, "world.params.robot_radius"),
+        ("world__params__dt", -0.4, "world.params.dt"),
+        ("world__params__max_steps", float("inf"), "world.params.max_steps"),
+        ("world__params__compliance", 1.5, "world.params.compliance"),
+        ("world__params__p_pedestrian_first", -0.1, "world.params.p_pedestrian_first"),
+        ("world__params__reward_arrival", NAN, "world.params.reward_arrival"),
+        ("hyper__actor_lr", -1e-3, "hyper.actor_lr"),
+        ("hyper__critic_lr", NAN, "hyper.critic_lr"),
+        ("hyper__discount", 1.01, "hyper.discount"),
+        ("hyper__tau", -0.1, "hyper.tau"),
+        ("hyper__final_lr", 2.0, "hyper.final_lr"),
+        ("hyper__target_entropy_code", 1.5, "hyper.target_entropy_code"),
+        ("hyper__initial_temperature", 0.0, "hyper.initial_temperature"),
+        ("hyper__reward_scale", float("inf"), "hyper.reward_scale"),
+    ],
+)
+def test_a_bad_value_is_refused_with_field_and_remedy_in_one_line(name, value, field):
+    with pytest.raises(
+        UserError, match=rf"^{field} .*: (give|choose|the lidar encoder needs|scene hallway holds)"
+    ) as caught:
+        resolve(run_config(**{name: value}))
+    assert "\n" not in str(caught.value)
+    shown = value[-1] if isinstance(value, tuple) and field == "scene" else value
+    assert field == "world.observation" or str(shown) in str(caught.value)
+
+
+def test_values_at_the_edge_of_their_range_pass():
+    edge = run_config(
+        seed=2**32 - 1, hyper__discount=1.0, hyper__tau=1.0, hyper__actor_lr=0.0, world__params__compliance=1.0,
+        world__params__body_radius=0.0, world__pedestrians=16, train__checkpoint_seconds=0.0,
+    )  # fmt: skip
+    assert resolve(edge).world.pedestrians == 16
