@@ -4,23 +4,23 @@ import time
 
 _STARTED = time.monotonic()  # training time counts from the start of the process, imports included
 
-import contextlib  # noqa: E402
-import dataclasses  # noqa: E402
-import io  # noqa: E402
-import itertools  # noqa: E402
-import json  # noqa: E402
-import os  # noqa: E402
-import pathlib  # noqa: E402
-import re  # noqa: E402
-import sys  # noqa: E402
-from typing import Annotated  # noqa: E402
+import contextlib
+import dataclasses
+import io
+import itertools
+import json
+import os
+import pathlib
+import re
+import sys
+from typing import Annotated
 
-import tyro  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn  # noqa: E402
-from rich.table import Table  # noqa: E402
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
-from .errors import UserError, remedy  # noqa: E402
+from .errors import UserError, remedy
 
 _EPISODES = 500  # of each scene, in the evaluation that ends a training run
 
