@@ -122,7 +122,7 @@ class LearnerState:
 
 
 _CODES = len(REQUESTS)
-_ADAM = optax.scale_by_adam()
+_ADAM = optax.flatten(optax.scale_by_adam())
 _LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
 
 

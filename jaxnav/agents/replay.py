@@ -46,11 +46,9 @@ class Replay:
 
     def sample(self, key, contents, steps, batch):
         """``batch`` uniform transitions `[batch, ...]` of the last ``rows`` of ``steps`` steps."""
-        key_row, key_column = jax.random.split(key)
-        filled = jnp.minimum(steps, self.rows)
-        row = jax.random.randint(key_row, (batch,), 0, filled)
         episodes = next(iter(contents.values())).shape[1]
-        column = jax.random.randint(key_column, (batch,), 0, episodes)
+        filled = jnp.minimum(steps, self.rows)
+        row, column = jax.random.randint(key, (2, batch), 0, jnp.stack([filled, episodes])[:, None])
         return self._unpack({dtype: table[row, column] for dtype, table in contents.items()}, batch)
 
     def _by_type(self, tree):

@@ -152,10 +152,8 @@ def _is_crossing(robot, ux, uy):
 
 def _message(fate, robot, pedestrian, ux, uy, walls, params):
     """What the pedestrian announces: stop when crossing, else its wider side; another one in a share of the cases."""
-    free_left, free_right = (
-        raycast(pedestrian.x, pedestrian.y, ux, uy, walls, (jnp.float32(0.0), jnp.float32(side)), params.scan_range)
-        for side in (1.0, -1.0)
-    )
+    beams = jnp.zeros(2), jnp.array([1.0, -1.0])  # straight left and right
+    free_left, free_right = raycast(pedestrian.x, pedestrian.y, ux, uy, walls, beams, params.scan_range)
     side = jnp.where(free_right >= free_left, RIGHT, LEFT)
     usual = jnp.where(_is_crossing(robot, ux, uy), STOP, side)
     # One draw decides on the exception and, where there is one, which of the other two messages it is.

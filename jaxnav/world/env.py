@@ -68,6 +68,7 @@ class World:
                     f"world.pedestrians is {config.pedestrians}: scene {scene.name} holds at most {scene.capacity}"
                 )
         self._wall_table = scenes.wall_table(self.scenes)
+        self._floor_table = scenes.floor_table(self.scenes)
 
     def walls(self, scene):
         """`Walls` of the scene with that index."""
@@ -76,15 +77,14 @@ class World:
     def reset(self, key, params: Params, scene=None) -> State:
         """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
         check_params(params)
-        key_scene, key_place, key_fate, key_seed = jax.random.split(key, 4)
+        key_place, key_fate, key_words = jax.random.split(key, 3)
+        words = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
         if scene is None:
-            scene = jax.random.randint(key_scene, (), 0, len(self.scenes))
+            scene = (words[0] % len(self.scenes)).astype(jnp.int32)
         walls = self.walls(scene)
-        branches = [
-            lambda _, s=s: scenes.place(key_place, s, walls, self.config.pedestrians, params) for s in self.scenes
-        ]
-        (x, y, heading, goal_x, goal_y), (px, py, pedestrian_goal_x, pedestrian_goal_y) = jax.lax.switch(
-            scene, branches, None
+        floors = jax.tree.map(lambda table: jnp.asarray(table)[scene], self._floor_table)
+        (x, y, heading, goal_x, goal_y), (px, py, pedestrian_goal_x, pedestrian_goal_y) = scenes.place(
+            key_place, self.scenes, scene, walls, floors, self.config.pedestrians, params
         )
         zero = jnp.float32(0.0)
         robot = Robot(
@@ -97,12 +97,11 @@ class World:
             goal_x=pedestrian_goal_x, goal_y=pedestrian_goal_y,
         )  # fmt: skip
         fates = _draw_fates(key_fate, self.config.pedestrians)
-        words = jax.random.bits(key_seed, (self.config.pedestrians + 1,), jnp.uint32)
         encounters = jax.vmap(dialogue.start, in_axes=(0, None))(pedestrians, robot)
-        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words[1:], params)
+        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words[2:], params)
         distance = norm(px - x, py - y) - params.robot_radius - params.body_radius
         return State(
-            t=jnp.int32(0), scene=jnp.int32(scene), seed=words[0], robot=robot, pedestrians=pedestrians, fates=fates,
+            t=jnp.int32(0), scene=jnp.int32(scene), seed=words[1], robot=robot, pedestrians=pedestrians, fates=fates,
             encounters=encounters, min_distance=jnp.min(distance),
         )  # fmt: skip
 
@@ -213,14 +212,15 @@ class World:
 
 def _time_to_walls(x, y, ex, ey, walls, radius):
     """First time in [0, 1] at which a disc that moves by e touches a wall, else inf."""
-    time = jnp.float32(jnp.inf)
-    for i in range(walls.solid.shape[0]):
-        ax, ay, bx, by = walls.x[i], walls.y[i], walls.x[i + 1], walls.y[i + 1]
+
+    def nearer(time, wall):
+        ax, ay, bx, by, solid = wall
         # Chains are closed, so that the first vertex of every wall covers all of them.
         corner = time_to_disc(x - ax, y - ay, ex, ey, radius)
         side = time_to_slab(x, y, ex, ey, ax, ay, bx, by, radius)
-        time = jnp.minimum(time, jnp.where(walls.solid[i], jnp.minimum(corner, side), jnp.inf))
-    return time
+        return jnp.minimum(time, jnp.where(solid, jnp.minimum(corner, side), jnp.inf)), None
+
+    return jax.lax.scan(nearer, jnp.float32(jnp.inf), walls.segments())[0]
 
 
 def _draw_fates(key, pedestrians):

@@ -42,16 +42,21 @@ def preferred_velocity(pedestrian, encounter, fate, params):
 
 def nearest_walls(x, y, walls, count):
     """The ``count`` wall points nearest to (x, y), relative to it: a list of (squared distance, dx, dy), sorted."""
-    nearest = [(jnp.float32(jnp.inf), jnp.float32(1.0), jnp.float32(0.0))] * min(count, walls.solid.shape[0])
-    for i in range(walls.solid.shape[0]):
-        qx, qy = closest_on_segment(x, y, walls.x[i], walls.y[i], walls.x[i + 1], walls.y[i + 1])
+    start = (jnp.float32(jnp.inf), jnp.float32(1.0), jnp.float32(0.0))
+
+    def insert(nearest, wall):
+        ax, ay, bx, by, solid = wall
+        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
         dx, dy = qx - x, qy - y
-        carried = jnp.where(walls.solid[i], dx * dx + dy * dy, jnp.inf), dx, dy
-        for k, held in enumerate(nearest):
+        carried = jnp.where(solid, dx * dx + dy * dy, jnp.inf), dx, dy
+        kept = []
+        for held in nearest:
             swap = carried[0] < held[0]
-            nearest[k] = tuple(jnp.where(swap, new, old) for new, old in zip(carried, held, strict=True))
+            kept.append(tuple(jnp.where(swap, new, old) for new, old in zip(carried, held, strict=True)))
             carried = tuple(jnp.where(swap, old, new) for new, old in zip(carried, held, strict=True))
-    return nearest
+        return kept, None
+
+    return jax.lax.scan(insert, [start] * min(count, walls.solid.shape[0]), walls.segments())[0]
 
 
 def choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, params):

@@ -5,8 +5,10 @@ reset has a fixed cost. A new scene is one more `Scene` in `SCENES`.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +30,7 @@ class Scene:
     chains:    closed polygons of (x, y) vertices, free space to the left of each edge.
     floors:    rectangles (x0, y0, x1, y1) of free space, in which further pedestrians stroll.
     capacity:  the most pedestrians that still find a place.
-    meet:      (``[12]`` uniform numbers in [0, 1), robot speed, pedestrian speed) -> `Meeting`.
+    meet:      (12 arrays of uniform numbers in [0, 1), robot speed, pedestrian speed) -> `Meeting` of such arrays.
     """
 
     name: str
@@ -118,6 +120,21 @@ def wall_table(scenes):
     return Walls(x=points[..., 0].astype(np.float32), y=points[..., 1].astype(np.float32), solid=solid)
 
 
+@chex.dataclass(frozen=True)
+class Floors:
+    """Rectangles of free space: sides x0, y0, x1, y1 `[4, F]`, of which the first ``count`` are not padding."""
+
+    sides: jax.Array
+    count: jax.Array
+
+
+def floor_table(scenes):
+    """`Floors` of several scenes, numpy, padded to one size with the last floor: leaves `[scenes, ...]`."""
+    size = max(len(scene.floors) for scene in scenes)
+    sides = [np.pad(np.array(scene.floors).T, ((0, 0), (0, size - len(scene.floors))), mode="edge") for scene in scenes]
+    return Floors(sides=np.stack(sides).astype(np.float32), count=np.array([len(scene.floors) for scene in scenes]))
+
+
 def _chain_walls(chains):
     points, solid = [], []
     for chain in chains:
@@ -128,28 +145,33 @@ def _chain_walls(chains):
     return np.array(points), np.array(solid)
 
 
-def place(key, scene, walls, pedestrians, params):
+def place(key, scenes, scene, walls, floors, pedestrians, params):
     """Start of an episode: ((robot x, y, heading, goal x, goal y), (x, y, goal x, goal y) of pedestrians `[P]`).
 
-    The first pedestrian meets the robot; further ones stroll along a floor of the scene.
+    scene: index into ``scenes``; walls, floors: of that scene. The first pedestrian meets the robot; further ones
+    stroll along a floor.
     """
-    key_meet, key_heading, key_stroll = jax.random.split(key, 3)
-    draws = jax.random.uniform(key_meet, (_CANDIDATES, _DRAWS))
-    robots, firsts = jax.vmap(lambda u: scene.meet(u, params.max_v, params.preferred_speed))(draws)
-    robots, firsts = jnp.stack(jnp.broadcast_arrays(*robots)), jnp.stack(jnp.broadcast_arrays(*firsts))
-    points = [(table[i], table[i + 1]) for table in (robots, firsts) for i in (0, 2)]
-    clear = [jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, scene.floors)) for x, y in points]
+    key_meet, key_stroll = (key, None) if pedestrians == 1 else jax.random.split(key)
+
+    def meet(u, scene):
+        robot, first = scene.meet(u, params.max_v, params.preferred_speed)
+        return jnp.stack(robot), jnp.stack(first)
+
+    # Only the candidates differ from scene to scene: what follows is compiled once, not once a scene.
+    draws = jax.random.uniform(key_meet, (_DRAWS + 1, _CANDIDATES))
+    robots, firsts = jax.lax.switch(scene, [functools.partial(meet, scene=s) for s in scenes], draws)
+    x, y = (jnp.concatenate([robots[i], robots[i + 2], firsts[i], firsts[i + 2]]) for i in (0, 1))
+    clear = jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, floors)).reshape(4, _CANDIDATES)
     apart = norm(robots[0] - firsts[0], robots[1] - firsts[1])
     # Metres by which a candidate falls short; the first that doesn't is taken.
-    short = jnp.maximum(CLEARANCE - jnp.min(jnp.stack(clear), axis=0), ROBOT_GAP - apart)
+    short = jnp.maximum(CLEARANCE - jnp.min(clear, axis=0), ROBOT_GAP - apart)
     chosen = jnp.argmin(jnp.maximum(short, 0.0))
     x, y, goal_x, goal_y = robots[:, chosen]
-    turn = _centred(jax.random.uniform(key_heading), 0.3)
-    heading = jnp.arctan2(goal_y - y, goal_x - x) + turn
+    heading = jnp.arctan2(goal_y - y, goal_x - x) + _centred(draws[_DRAWS, 0], 0.3)
     first = firsts[:, chosen]
     if pedestrians == 1:
         return (x, y, heading, goal_x, goal_y), tuple(first[:, None])
-    others = _strollers(key_stroll, scene, pedestrians - 1, x, y, first)
+    others = _strollers(key_stroll, floors, pedestrians - 1, x, y, first)
     return (x, y, heading, goal_x, goal_y), tuple(jnp.concatenate([first[:, None], others], axis=1))
 
 
@@ -166,21 +188,23 @@ def wall_clearance(x, y, walls):
 
 def _floor_depth(x, y, floors):
     """Minus the distance to the nearest floor, inf on one: how far in is for the walls to say."""
-    depth = [jnp.minimum(jnp.minimum(x - x0, x1 - x), jnp.minimum(y - y0, y1 - y)) for x0, y0, x1, y1 in floors]
-    depth = jnp.max(jnp.stack(depth), axis=0)
+
+    def depth_in(x0, y0, x1, y1):
+        return jnp.minimum(jnp.minimum(x - x0, x1 - x), jnp.minimum(y - y0, y1 - y))
+
+    depth = jnp.max(jax.vmap(depth_in)(*floors.sides), axis=0)
     return jnp.where(depth < 0, depth, jnp.inf)
 
 
-def _strollers(key, scene, count, robot_x, robot_y, first):
+def _strollers(key, floors, count, robot_x, robot_y, first):
     """`[4, count]` starts and goals on random floors, each clear of the robot and of those placed before."""
-    floors = jnp.array(scene.floors)
 
     def one(placed, index_and_key):
         index, key = index_and_key
         key_floor, key_point = jax.random.split(key)
-        floor = floors[jax.random.randint(key_floor, (4 * _CANDIDATES,), 0, len(floors))]
+        floor = jax.random.randint(key_floor, (4 * _CANDIDATES,), 0, floors.count)
         u = jax.random.uniform(key_point, (4, 4 * _CANDIDATES))
-        low_x, low_y, high_x, high_y = floor[:, 0], floor[:, 1], floor[:, 2], floor[:, 3]
+        low_x, low_y, high_x, high_y = floors.sides[:, floor]
         pad = CLEARANCE
         x, goal_x = (low_x + pad + u[i] * (high_x - low_x - 2 * pad) for i in (0, 2))
         y, goal_y = (low_y + pad + u[i] * (high_y - low_y - 2 * pad) for i in (1, 3))

@@ -145,6 +145,10 @@ class Walls:
     y: jax.Array
     solid: jax.Array
 
+    def segments(self):
+        """(ax, ay, bx, by, solid), each `[W]`: both ends of every wall."""
+        return self.x[:-1], self.y[:-1], self.x[1:], self.y[1:], self.solid
+
 
 @chex.dataclass(frozen=True)
 class Robot:
