@@ -3,13 +3,16 @@
 The only user of Orbax.
 """
 
+import functools
 import logging
 import pathlib
 import sys
 import warnings
+import zlib
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import orbax.checkpoint as ocp
 
 from ..errors import UserError, remedy
@@ -49,9 +52,9 @@ class Checkpoints:
     def save(self, step, state, meta):
         """Save after env step ``step``; UserError if it can't be written, older checkpoints are kept."""
         key_impl = next(str(jax.random.key_impl(leaf)) for leaf in jax.tree.leaves(state) if _is_key(leaf))
-        arguments = ocp.args.Composite(
-            state=ocp.args.StandardSave(_plain(state)), meta=ocp.args.JsonSave(meta | {"key_impl": key_impl})
-        )
+        arrays = _plain(state)
+        meta = meta | {"key_impl": key_impl, "checksum": _checksum(arrays)}
+        arguments = ocp.args.Composite(state=ocp.args.StandardSave(arrays), meta=ocp.args.JsonSave(meta))
         try:
             self._manager.save(step, args=arguments, force=True)
         except Exception as error:  # whatever Orbax and what is below it make of a file that can't be written
@@ -90,6 +93,8 @@ class Checkpoints:
             state = self._manager.restore(step, args=arguments).state
         except Exception as error:
             raise damaged from error
+        if _checksum(state) != meta["checksum"]:
+            raise damaged
         # Orbax commits arrays to a device; for those the program of a fresh start would be compiled anew.
         state = jax.tree.map(jnp.asarray, jax.device_get(state))
         return _typed(state, like, meta["key_impl"]), meta
@@ -99,6 +104,11 @@ def _plain(tree):
     """``tree`` as a flat dict of arrays by their path, typed random keys as their data."""
     leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
     return {jax.tree_util.keystr(path): jax.random.key_data(leaf) if _is_key(leaf) else leaf for path, leaf in leaves}
+
+
+def _checksum(arrays):
+    """CRC-32 of all arrays: Orbax finds files that are cut short, not bytes that have changed."""
+    return functools.reduce(lambda crc, name: zlib.crc32(np.asarray(arrays[name]).tobytes(), crc), sorted(arrays), 0)
 
 
 def _typed(arrays, like, key_impl):

@@ -26,7 +26,8 @@ def wilson_interval(successes, trials, z=1.959964):
     p, z2 = successes / trials, z * z
     centre = (p + z2 / (2 * trials)) / (1 + z2 / trials)
     half = z / (1 + z2 / trials) * math.sqrt(p * (1 - p) / trials + z2 / (4 * trials * trials))
-    return [max(0.0, centre - half), min(1.0, centre + half)]
+    # At both ends the interval closes there exactly; rounding would leave it off by 1e-17.
+    return [0.0 if successes == 0 else centre - half, 1.0 if successes == trials else centre + half]
 
 
 def make_policy(agent):

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import errno
+import functools
 import json
 import math
 import os
@@ -15,6 +16,7 @@ import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
+import psutil
 
 from ..agents.hsac import HSAC
 from ..errors import UserError, remedy
@@ -29,7 +31,7 @@ from .rollout import record
 VALIDATION_SEED = 2**31
 
 # Fields that may differ between a run and the command that resumes it: they don't change what is computed.
-_FREE_FIELDS = ("out", "resume")
+_FREE_FIELDS = ("out", "resume", "train.checkpoint_seconds")
 
 
 @chex.dataclass(frozen=True)
@@ -71,7 +73,10 @@ class Run:
         self.trainer = Trainer(self.world, self.agent, self.params, config.train)
         self.evaluator = Evaluator(self.world, self.agent, self.params)
         self._hyper = jax.tree.map(jnp.float32, config.hyper)
-        self._compared = {name: value for name, value in to_json(config).items() if name not in _FREE_FIELDS}
+        compared = to_json(config)
+        for *path, name in (field.split(".") for field in _FREE_FIELDS):
+            functools.reduce(dict.get, path, compared).pop(name)
+        self._compared = compared
 
     @classmethod
     def open(cls, folder):
@@ -86,7 +91,9 @@ class Run:
             raise UserError(f"{path} can't be read ({error}): train anew with another --out") from error
 
     def prepare_folder(self):
-        """Make the run's folder, or check that it holds the run to resume; UserError if it holds something else."""
+        """Make the run's folder, or check that it holds the run to resume; UserError if it holds something else, or if
+        replay is larger than memory."""
+        self._check_memory()
         config_path = self.folder / "config.json"
         if self.config.resume:
             if not config_path.exists():
@@ -165,7 +172,9 @@ class Run:
         return Checkpoints(folder).restore(self._like(), self._compared)[0]
 
     def actor(self, progress, which):
-        """Actor parameters: ``which`` is last or best."""
+        """Actor parameters: ``which`` is last or best; UserError if there was no evaluation yet to be best in."""
+        if which == "best" and progress.best.score < 0:
+            raise UserError(f"{self.folder} has no best policy before its first evaluation: give --policy last")
         return progress.best.actor if which == "best" else progress.loop.learner.actor
 
     def record(self, actor, seed, scenes, episodes):
@@ -194,6 +203,17 @@ class Run:
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
+
+    def _check_memory(self):
+        train, row = self.config.train, self.trainer.replay.bytes_per_transition * self.config.train.episodes
+        device = jax.devices()[0]
+        # What the device tells of itself; the CPU tells nothing.
+        memory = (device.memory_stats() or {}).get("bytes_limit") or psutil.virtual_memory().total
+        if train.replay_rows * row > memory:
+            raise UserError(
+                f"train.replay_rows is {train.replay_rows}: replay would take {train.replay_rows * row / 1e9:.1f} GB, "
+                f"and memory is {memory / 1e9:.1f} GB: give at most {memory // 2 // row}, half of that"
+            )
 
     def _start(self, checkpoints):
         """(progress, wall seconds before, bytes of metrics.jsonl that belong to it)."""

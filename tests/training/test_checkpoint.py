@@ -118,6 +118,21 @@ def test_every_truncated_file_is_found_or_does_not_matter(tmp_path, assert_same)
     assert {"step_2/meta/metadata", "step_2/state/_METADATA", "step_2/state/manifest.ocdbt"} <= refused
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_changed_bytes_are_found(tmp_path, assert_same):
+    """One byte in sixteen of the file with the arrays in turn: restored bit for bit, or refused."""
+    save(tmp_path, 1)
+    data = max((tmp_path / "step_1" / "state").rglob("*"), key=lambda path: path.stat().st_size)
+    whole, refused = data.read_bytes(), 0
+    for at in range(0, len(whole), max(1, len(whole) // 16)):
+        data.write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
+        restored, refusal = attempt(tmp_path)
+        refused += refusal is not None
+        if refusal is None:
+            assert_same(restored, state(1))
+    assert refused > 4
+
+
 @pytest.mark.parametrize("item", ["state", "meta"])
 def test_a_missing_half_is_damage(tmp_path, item):
     save(tmp_path, 1)

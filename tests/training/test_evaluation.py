@@ -32,6 +32,7 @@ def test_wilson_interval_is_symmetric_and_inside_the_unit_interval():
         for k in range(0, n + 1, max(1, n // 7)):
             low, high = wilson_interval(k, n)
             assert 0 <= low <= k / n + 1e-12 and k / n - 1e-12 <= high <= 1
+            assert (low == 0, high == 1) == (k == 0, k == n)
             assert wilson_interval(n - k, n) == pytest.approx([1 - high, 1 - low])
 
 
