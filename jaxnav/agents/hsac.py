@@ -122,6 +122,7 @@ class LearnerState:
 
 
 _CODES = len(REQUESTS)
+# All parameters as one vector: less to trace and compile than a dozen operations for each of many leaves.
 _ADAM = optax.flatten(optax.scale_by_adam())
 _LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
 

@@ -3,7 +3,7 @@
 The only user of Orbax.
 """
 
-import functools
+import json
 import logging
 import pathlib
 import sys
@@ -53,7 +53,8 @@ class Checkpoints:
         """Save after env step ``step``; UserError if it can't be written, older checkpoints are kept."""
         key_impl = next(str(jax.random.key_impl(leaf)) for leaf in jax.tree.leaves(state) if _is_key(leaf))
         arrays = _plain(state)
-        meta = meta | {"key_impl": key_impl, "checksum": _checksum(arrays)}
+        meta = meta | {"key_impl": key_impl}
+        meta = meta | {"checksum": _checksum(arrays, meta)}
         arguments = ocp.args.Composite(state=ocp.args.StandardSave(arrays), meta=ocp.args.JsonSave(meta))
         try:
             self._manager.save(step, args=arguments, force=True)
@@ -79,6 +80,7 @@ class Checkpoints:
         damaged = UserError(f"{where} is damaged: delete it to fall back to the one before, or train anew")
         try:
             meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
+            checksum = meta.pop("checksum")
             changed = differences(meta["config"], config)
         except Exception as error:  # Orbax raises bare exceptions for damaged files
             raise damaged from error
@@ -93,7 +95,7 @@ class Checkpoints:
             state = self._manager.restore(step, args=arguments).state
         except Exception as error:
             raise damaged from error
-        if _checksum(state) != meta["checksum"]:
+        if _checksum(state, meta) != checksum:
             raise damaged
         # Orbax commits arrays to a device; for those the program of a fresh start would be compiled anew.
         state = jax.tree.map(jnp.asarray, jax.device_get(state))
@@ -106,9 +108,12 @@ def _plain(tree):
     return {jax.tree_util.keystr(path): jax.random.key_data(leaf) if _is_key(leaf) else leaf for path, leaf in leaves}
 
 
-def _checksum(arrays):
-    """CRC-32 of all arrays: Orbax finds files that are cut short, not bytes that have changed."""
-    return functools.reduce(lambda crc, name: zlib.crc32(np.asarray(arrays[name]).tobytes(), crc), sorted(arrays), 0)
+def _checksum(arrays, meta):
+    """CRC-32 of everything in a checkpoint, since Orbax lets some changed bytes pass."""
+    crc = zlib.crc32(json.dumps(meta, sort_keys=True).encode())
+    for name in sorted(arrays):
+        crc = zlib.crc32(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8).data, crc)
+    return crc
 
 
 def _typed(arrays, like, key_impl):

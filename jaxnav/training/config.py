@@ -36,7 +36,7 @@ class TrainConfig:
         steps_per_chunk: steps between two lines of metrics.jsonl.
         total_steps: when training ends, in steps of all episodes.
         evaluate_every: chunks between two evaluations.
-        checkpoint_seconds: the most work a kill can cost.
+        checkpoint_seconds: the most work a kill can cost; may change on --resume.
     """
 
     episodes: int = 256

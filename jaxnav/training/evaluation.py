@@ -26,7 +26,7 @@ def wilson_interval(successes, trials, z=1.959964):
     p, z2 = successes / trials, z * z
     centre = (p + z2 / (2 * trials)) / (1 + z2 / trials)
     half = z / (1 + z2 / trials) * math.sqrt(p * (1 - p) / trials + z2 / (4 * trials * trials))
-    # At both ends the interval closes there exactly; rounding would leave it off by 1e-17.
+    # At both ends the interval closes there exactly, without an error of rounding.
     return [0.0 if successes == 0 else centre - half, 1.0 if successes == trials else centre + half]
 
 

@@ -16,7 +16,6 @@ import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
-import psutil
 
 from ..agents.hsac import HSAC
 from ..errors import UserError, remedy
@@ -24,6 +23,7 @@ from .checkpoint import Checkpoints
 from .config import RunConfig, differences, from_json, resolve, to_json
 from .evaluation import Evaluator, episode_keys, make_policy
 from .loop import LoopState, Trainer
+from .memory import check_memory
 from .provenance import provenance
 from .rollout import record
 
@@ -91,9 +91,10 @@ class Run:
             raise UserError(f"{path} can't be read ({error}): train anew with another --out") from error
 
     def prepare_folder(self):
-        """Make the run's folder, or check that it holds the run to resume; UserError if it holds something else, or if
-        replay is larger than memory."""
-        self._check_memory()
+        """Make the run's folder, or check that it holds the run to resume.
+
+        UserError: it holds something else, or replay is larger than memory.
+        """
         config_path = self.folder / "config.json"
         if self.config.resume:
             if not config_path.exists():
@@ -105,6 +106,8 @@ class Run:
                     f"--out {self.folder} holds a run with another {', '.join(changed)}: "
                     f"give the same values to resume it, or another --out"
                 )
+        check_memory(self.config, self.trainer.replay.bytes_per_transition)
+        if self.config.resume:
             return
         if self.folder.exists() and not self.folder.is_dir():
             raise UserError(f"--out {self.folder} is a file: give a folder")
@@ -203,17 +206,6 @@ class Run:
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
-
-    def _check_memory(self):
-        train, row = self.config.train, self.trainer.replay.bytes_per_transition * self.config.train.episodes
-        device = jax.devices()[0]
-        # What the device tells of itself; the CPU tells nothing.
-        memory = (device.memory_stats() or {}).get("bytes_limit") or psutil.virtual_memory().total
-        if train.replay_rows * row > memory:
-            raise UserError(
-                f"train.replay_rows is {train.replay_rows}: replay would take {train.replay_rows * row / 1e9:.1f} GB, "
-                f"and memory is {memory / 1e9:.1f} GB: give at most {memory // 2 // row}, half of that"
-            )
 
     def _start(self, checkpoints):
         """(progress, wall seconds before, bytes of metrics.jsonl that belong to it)."""

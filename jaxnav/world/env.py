@@ -72,17 +72,17 @@ class World:
 
     def walls(self, scene):
         """`Walls` of the scene with that index."""
-        return jax.tree.map(lambda table: jnp.asarray(table)[scene], self._wall_table)
+        return _row(self._wall_table, scene)
 
     def reset(self, key, params: Params, scene=None) -> State:
         """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
         check_params(params)
         key_place, key_fate, key_words = jax.random.split(key, 3)
-        words = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
+        bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
+        choice, seed, words = bits[0], bits[1], bits[2:]
         if scene is None:
-            scene = (words[0] % len(self.scenes)).astype(jnp.int32)
-        walls = self.walls(scene)
-        floors = jax.tree.map(lambda table: jnp.asarray(table)[scene], self._floor_table)
+            scene = (choice % len(self.scenes)).astype(jnp.int32)
+        walls, floors = self.walls(scene), _row(self._floor_table, scene)
         (x, y, heading, goal_x, goal_y), (px, py, pedestrian_goal_x, pedestrian_goal_y) = scenes.place(
             key_place, self.scenes, scene, walls, floors, self.config.pedestrians, params
         )
@@ -98,10 +98,10 @@ class World:
         )  # fmt: skip
         fates = _draw_fates(key_fate, self.config.pedestrians)
         encounters = jax.vmap(dialogue.start, in_axes=(0, None))(pedestrians, robot)
-        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words[2:], params)
+        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words, params)
         distance = norm(px - x, py - y) - params.robot_radius - params.body_radius
         return State(
-            t=jnp.int32(0), scene=jnp.int32(scene), seed=words[1], robot=robot, pedestrians=pedestrians, fates=fates,
+            t=jnp.int32(0), scene=jnp.int32(scene), seed=seed, robot=robot, pedestrians=pedestrians, fates=fates,
             encounters=encounters, min_distance=jnp.min(distance),
         )  # fmt: skip
 
@@ -208,6 +208,11 @@ class World:
         collided = (collision < jnp.inf) & (collision <= arrival)
         hit_pedestrian = collided & (pedestrian_hit <= wall_hit)
         return (arrival < jnp.inf) & ~collided, collided, hit_pedestrian, distance
+
+
+def _row(table, scene):
+    """What a table of all scenes says of one."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[scene], table)
 
 
 def _time_to_walls(x, y, ex, ey, walls, radius):

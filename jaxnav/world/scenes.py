@@ -153,13 +153,14 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
     """
     key_meet, key_stroll = (key, None) if pedestrians == 1 else jax.random.split(key)
 
-    def meet(u, scene):
-        robot, first = scene.meet(u, params.max_v, params.preferred_speed)
+    def candidates(numbers, kind):
+        robot, first = kind.meet(numbers, params.max_v, params.preferred_speed)
         return jnp.stack(robot), jnp.stack(first)
 
+    # A last row turns the robot: 31 numbers too many cost less than one draw more.
+    *numbers, turns = jax.random.uniform(key_meet, (_DRAWS + 1, _CANDIDATES))
     # Only the candidates differ from scene to scene: what follows is compiled once, not once a scene.
-    draws = jax.random.uniform(key_meet, (_DRAWS + 1, _CANDIDATES))
-    robots, firsts = jax.lax.switch(scene, [functools.partial(meet, scene=s) for s in scenes], draws)
+    robots, firsts = jax.lax.switch(scene, [functools.partial(candidates, kind=kind) for kind in scenes], numbers)
     x, y = (jnp.concatenate([robots[i], robots[i + 2], firsts[i], firsts[i + 2]]) for i in (0, 1))
     clear = jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, floors)).reshape(4, _CANDIDATES)
     apart = norm(robots[0] - firsts[0], robots[1] - firsts[1])
@@ -167,7 +168,7 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
     short = jnp.maximum(CLEARANCE - jnp.min(clear, axis=0), ROBOT_GAP - apart)
     chosen = jnp.argmin(jnp.maximum(short, 0.0))
     x, y, goal_x, goal_y = robots[:, chosen]
-    heading = jnp.arctan2(goal_y - y, goal_x - x) + _centred(draws[_DRAWS, 0], 0.3)
+    heading = jnp.arctan2(goal_y - y, goal_x - x) + _centred(turns[0], 0.3)
     first = firsts[:, chosen]
     if pedestrians == 1:
         return (x, y, heading, goal_x, goal_y), tuple(first[:, None])
@@ -182,7 +183,7 @@ def wall_clearance(x, y, walls):
         qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
         return jnp.where(solid, norm(qx - x, qy - y), jnp.inf)
 
-    distances = jax.vmap(one)(walls.x[:-1], walls.y[:-1], walls.x[1:], walls.y[1:], walls.solid)
+    distances = jax.vmap(one)(*walls.segments())
     return jnp.min(distances, axis=0)
 
 

@@ -79,9 +79,9 @@ def test_another_configuration_is_named_field_by_field(tmp_path):
 
 
 def attempt(folder):
-    """(what was restored, None), or (None, what the `UserError` says)."""
+    """((state, meta), None), or (None, what the `UserError` says)."""
     try:
-        return Checkpoints(folder).restore(like(), CONFIG)[0], None
+        return Checkpoints(folder).restore(like(), CONFIG), None
     except UserError as error:
         return None, str(error)
 
@@ -112,25 +112,30 @@ def test_every_truncated_file_is_found_or_does_not_matter(tmp_path, assert_same)
                 refused.add(name)
                 assert re.fullmatch(rf"{folder.resolve()}/step_2 is damaged: delete it .*", refusal)
             else:
-                assert_same(restored, state(2))
+                assert_same(restored[0], state(2))
     largest = max(files, key=lambda name: len(content(tmp_path / "whole")[name] or b""))
     assert largest in refused
     assert {"step_2/meta/metadata", "step_2/state/_METADATA", "step_2/state/manifest.ocdbt"} <= refused
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_changed_bytes_are_found(tmp_path, assert_same):
-    """One byte in sixteen of the file with the arrays in turn: restored bit for bit, or refused."""
-    save(tmp_path, 1)
-    data = max((tmp_path / "step_1" / "state").rglob("*"), key=lambda path: path.stat().st_size)
+@pytest.mark.parametrize("pattern", ["state/**/d/*", "meta/metadata"])
+def test_changed_bytes_are_found(tmp_path, assert_same, pattern):
+    """At up to 200 places of the file, one at a time: restored bit for bit, or refused in one line."""
+    checkpoints = save(tmp_path, 1)
+    meta = checkpoints.restore(like(), CONFIG)[1]
+    data = max((tmp_path / "step_1").glob(pattern), key=lambda path: path.stat().st_size)
     whole, refused = data.read_bytes(), 0
-    for at in range(0, len(whole), max(1, len(whole) // 16)):
+    for at in range(0, len(whole), len(whole) // 200 + 1):
         data.write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
         restored, refusal = attempt(tmp_path)
-        refused += refusal is not None
-        if refusal is None:
-            assert_same(restored, state(1))
-    assert refused > 4
+        if refusal:
+            assert re.fullmatch(r"\S+step_1 is (damaged|from another configuration)[^\n]+", refusal)
+            refused += 1
+        else:
+            assert_same(restored[0], state(1))
+            assert restored[1] == meta
+    assert refused > 10
 
 
 @pytest.mark.parametrize("item", ["state", "meta"])

@@ -223,19 +223,10 @@ def test_resuming_with_another_value_names_it(copied):
     refused(replaced(config, hyper=hyper, seed=1), r"another hyper.tau, seed: give the same values to resume it")
 
 
-def test_how_often_a_resumed_run_is_saved_may_change(copied):
+def test_how_often_a_resumed_run_is_saved_may_change(copied, finished, assert_same):
     config, _ = copied
     train = to_json(config.train) | {"checkpoint_seconds": 7.0}
-    Run(replaced(config, train=train)).prepare_folder()
-
-
-def test_replay_beyond_memory_is_refused_with_the_size_that_fits(tmp_path, tiny, monkeypatch):
-    memory = type("memory", (), {"total": 1_000_000})
-    monkeypatch.setattr("jaxnav.training.run.psutil.virtual_memory", lambda: memory)
-    row = Run(tiny(tmp_path / "any")).trainer.replay.bytes_per_transition * tiny(tmp_path).train.episodes
-    fits = 1_000_000 // row
-    Run(tiny(tmp_path / "fits", replay_rows=fits)).prepare_folder()
-    refused(tiny(tmp_path / "run", replay_rows=fits + 1), rf"replay_rows is {fits + 1}: .* give at most {fits // 2},")
+    assert_same(resume(replaced(config, train=train))[1], finished[1])
 
 
 def test_there_is_no_best_policy_before_an_evaluation(finished):

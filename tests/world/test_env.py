@@ -135,8 +135,8 @@ BATCH, HORIZON = 192, 5
 
 @pytest.fixture(scope="module")
 def gradient():
-    """(state, twists `[5, 2]`, params), a batch of each -> ((5-step return, whether each step ended
-    the episode), gradients of the return by twists and params).
+    """(state, twists `[5, 2]`, params), a batch of each -> ((5-step return, whether every step
+    ended the episode), gradients of the return by twists and params).
 
     Two walls are avoided at once instead of four: that halves the time to compile.
     """
