@@ -17,10 +17,9 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from .errors import UserError, remedy
+from .terminal import print_result, training_progress
 
 _EPISODES = 500  # of each scene, in the evaluation that ends a training run
 
@@ -81,7 +80,7 @@ def _train(arguments):
     # Plain text: a folder may be called [bold], and what is copied from here must not be broken into lines.
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     console.print(f"training in {run.folder} (preset {config.preset}, seed {config.seed}); the first chunk compiles")
-    with _training_progress(config, console) as report:
+    with training_progress(config, console) as report:
         try:
             progress = run.train(report, _STARTED)
         except Interrupted as stop:
@@ -91,7 +90,7 @@ def _train(arguments):
     with console.status("evaluating"):
         result = run.evaluator.evaluate(actor, "last", _EPISODES, config.seed)
     run.write_json("evaluation.json", result)
-    _print_result(Console(), result)
+    print_result(Console(), result)
     with console.status("drawing"):
         _draw(run, actor, config.seed)
     names = ("evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl", "config.json")
@@ -143,7 +142,7 @@ def _evaluate(arguments):
     if options.json:
         print(json.dumps(result))
     else:
-        _print_result(Console(), result)
+        print_result(Console(), result)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,13 +176,13 @@ def _render(arguments):
 
 def _draw(run, actor, seed):
     """Draw trajectories.png, episode.gif and learning_curve.png; returns their paths."""
-    from .render import figures, frames
+    from .render import animation, figures
 
     lines = run.metrics()
     episodes = run.record(actor, seed, *_worth_drawing(run.evaluator.summaries(actor, _EPISODES, seed)))
     drawn = {
         "trajectories.png": lambda path: figures.trajectories(run.world, episodes, path, run.params, _EPISODES),
-        "episode.gif": lambda path: frames.animate(run.world, run.params, _worth_watching(episodes), path),
+        "episode.gif": lambda path: animation.animate(run.world, run.params, _worth_watching(episodes), path),
         "learning_curve.png": lambda path: figures.learning_curve(lines, path),
     }
     for name, draw in drawn.items():
@@ -268,66 +267,6 @@ def _enable_compilation_cache():
     if jax.config.jax_compilation_cache_dir is None:
         jax.config.update("jax_compilation_cache_dir", str(home / "jaxnav" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
-
-
-@contextlib.contextmanager
-def _training_progress(config, console):
-    """Yields the function that shows a line of metrics: a bar on a terminal, else a line an evaluation."""
-    total = config.train.total_steps * config.train.episodes
-    if not console.is_terminal:
-
-        def print_line(line):
-            if "evaluation" in line:
-                left = (total / line["env_steps"] - 1.0) * line["wall_seconds"]
-                text = f"{line['env_steps'] / total:4.0%}  {_progress_text(line)}, {left:.0f} s left"
-                console.print(text, soft_wrap=True)
-
-        yield print_line
-        return
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("training", total=total, state="compiling")
-        yield lambda line: bar.update(task, completed=line["env_steps"], state=_progress_text(line))
-
-
-def _progress_text(line):
-    success = line.get("evaluation") or line["success"]
-    shares = ", ".join(f"{scene} {'-' if rate is None else f'{rate:.3f}'}" for scene, rate in success.items())
-    return f"{line['env_steps'] / 1000:.0f}k steps, {line['updates']} updates, success {shares}"
-
-
-def _print_result(console, result):
-    """The evaluation as a table: a column a scene."""
-    table = Table(title=f"{result['policy']} policy, {result['episodes']} episodes a scene, seed {result['seed']}")
-    table.add_column("")
-    for name in result["scenes"]:
-        table.add_column(name, justify="right")
-    codes = next(iter(result["scenes"].values()))["requests"]
-    rows = {
-        "success": lambda m: f"{m['success']:.3f}",
-        "  95 % interval": lambda m: "{:.3f} - {:.3f}".format(*m["success_ci95"]),
-        "collision": lambda m: f"{m['collision']:.3f}",
-        "  with a pedestrian": lambda m: f"{m['human_collision']:.3f}",
-        "time-out": lambda m: f"{m['timeout']:.3f}",
-        "steps": lambda m: _number(m["steps"], 1),
-        "minimum distance (m)": lambda m: _number(m["min_distance"], 2),
-        "comfort space kept": lambda m: f"{m['comfort']:.3f}",
-        "straight line: success": lambda m: f"{m['straight_line_success']:.3f}",
-        "muted: success": lambda m: f"{m['muted_success']:.3f}",
-        "muted: minimum distance (m)": lambda m: _number(m["muted_min_distance"], 2),
-        **{f"asked: {code}": lambda m, code=code: f"{m['requests'][code]:.3f}" for code in codes},
-        "pedestrian complied": lambda m: _number(m["complied"], 3),
-    }
-    for label, cell in rows.items():
-        table.add_row(label, *(cell(metrics) for metrics in result["scenes"].values()))
-    console.print(table)
-
-
-def _number(value, digits):
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 if __name__ == "__main__":

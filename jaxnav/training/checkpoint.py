@@ -82,6 +82,11 @@ class Checkpoints:
             meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
             checksum = meta.pop("checksum")
             changed = differences(meta["config"], config)
+            if not changed:
+                arguments = ocp.args.Composite(state=ocp.args.StandardRestore(jax.eval_shape(_plain, like)))
+                state = self._manager.restore(step, args=arguments).state
+                if _checksum(state, meta) != checksum:
+                    raise ValueError("changed bytes")
         except Exception as error:  # Orbax raises bare exceptions for damaged files
             raise damaged from error
         if changed:
@@ -89,14 +94,6 @@ class Checkpoints:
                 f"{where} is from another configuration ({', '.join(changed)} differ): "
                 f"give the same values again, or another --out"
             )
-        target = jax.eval_shape(_plain, like)
-        try:
-            arguments = ocp.args.Composite(state=ocp.args.StandardRestore(target))
-            state = self._manager.restore(step, args=arguments).state
-        except Exception as error:
-            raise damaged from error
-        if _checksum(state, meta) != checksum:
-            raise damaged
         # Orbax commits arrays to a device; for those the program of a fresh start would be compiled anew.
         state = jax.tree.map(jnp.asarray, jax.device_get(state))
         return _typed(state, like, meta["key_impl"]), meta

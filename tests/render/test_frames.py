@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from jaxnav.render import palette
-from jaxnav.render.frames import SIZE, View, animate, draw_frame, scan_episode
+from jaxnav.render.animation import animate
+from jaxnav.render.frames import SIZE, View, draw_frame, scan_episode
 from jaxnav.render.words import utterances
 from jaxnav.world import SCENES, World, WorldConfig
 
