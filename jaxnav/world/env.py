@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import dialogue, pedestrian, reward, scenes, sensing
-from .geometry import closest_approach, norm, time_to_disc, time_to_slab, to_frame, unit
+from .geometry import closest_approach, norm, time_to_disc, to_frame, unit
 from .robot import arc, twist_from_action
 from .types import NONE, Fate, Outcome, Params, Pedestrian, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+from .walls import pad_walls, time_to_walls, walls_from_chains
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
 _CHORDS = 2
@@ -67,7 +68,7 @@ class World:
                 raise ValueError(
                     f"world.pedestrians is {config.pedestrians}: scene {scene.name} holds at most {scene.capacity}"
                 )
-        self._wall_table = scenes.wall_table(self.scenes)
+        self._wall_table = pad_walls([walls_from_chains(scene.chains) for scene in self.scenes])
         self._floor_table = scenes.floor_table(self.scenes)
 
     def walls(self, scene):
@@ -195,7 +196,7 @@ class World:
         chords = len(path) - 1
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             ex, ey = x1 - x0, y1 - y0
-            wall_time = _time_to_walls(x0, y0, ex, ey, walls, params.robot_radius)
+            wall_time = time_to_walls(x0, y0, ex, ey, walls, params.robot_radius)
             wall_hit = jnp.minimum(wall_hit, begin + i + wall_time)
             walk_x, walk_y = (walked_to.x - walked_from.x) / chords, (walked_to.y - walked_from.y) / chords
             rx, ry = x0 - walked_from.x - i * walk_x, y0 - walked_from.y - i * walk_y
@@ -213,19 +214,6 @@ class World:
 def _row(table, scene):
     """What a table of all scenes says of one."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[scene], table)
-
-
-def _time_to_walls(x, y, ex, ey, walls, radius):
-    """First time in [0, 1] at which a disc that moves by e touches a wall, else inf."""
-
-    def nearer(time, wall):
-        ax, ay, bx, by, solid = wall
-        # Chains are closed, so that the first vertex of every wall covers all of them.
-        corner = time_to_disc(x - ax, y - ay, ex, ey, radius)
-        side = time_to_slab(x, y, ex, ey, ax, ay, bx, by, radius)
-        return jnp.minimum(time, jnp.where(solid, jnp.minimum(corner, side), jnp.inf)), None
-
-    return jax.lax.scan(nearer, jnp.float32(jnp.inf), walls.segments())[0]
 
 
 def _draw_fates(key, pedestrians):

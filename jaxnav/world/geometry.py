@@ -68,3 +68,14 @@ def time_to_slab(px, py, ex, ey, ax, ay, bx, by, radius):
     along = dx * (px + t * ex - ax) + dy * (py + t * ey - ay)
     # A wall without length has no side: its point is for `time_to_disc`.
     return jnp.where((t <= 1) & (along >= 0) & (along <= length) & (length > 1e-5), t, jnp.inf)
+
+
+def insert_nearest(held, squared, index):
+    """``held``, a sorted list of (squared distance, index), with one more candidate and without the farthest of all."""
+    carried = squared, index
+    kept = []
+    for old in held:
+        swap = carried[0] < old[0]
+        kept.append(tuple(jnp.where(swap, new, before) for new, before in zip(carried, old, strict=True)))
+        carried = tuple(jnp.where(swap, before, new) for new, before in zip(carried, old, strict=True))
+    return kept

@@ -1,8 +1,7 @@
-"""ORCA: half-planes of permitted velocities and the 2D linear programs of RVO2 over them.
+"""ORCA: half-planes of velocities that keep clear of other agents and of walls.
 
 Source: van den Berg, Guy, Lin, Manocha, "Reciprocal n-body collision avoidance", 2011, and RVO2's published algorithm.
-Loops over half-planes are unrolled over scalars, so that ``vmap`` turns them into plain elementwise code; the fallback
-scans over the agents' half-planes. Nothing here is a ``while_loop``: reverse mode passes through.
+A program over them (`jaxnav.world.linear_program`) chooses the new velocity.
 """
 
 from typing import NamedTuple
@@ -10,9 +9,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .geometry import cross2d, safe_sqrt
+from .geometry import cross2d, safe_sqrt, unit
 
-_PARALLEL = 1e-5  # RVO2's epsilon: below this the sine between two lines counts as 0
+_ROUNDING = 1e-5  # RVO2's epsilon
 
 
 class HalfPlane(NamedTuple):
@@ -60,103 +59,133 @@ def agent_half_plane(px, py, vx, vy, other_vx, other_vy, radius, time_horizon, d
     return HalfPlane(vx + 0.5 * change_x, vy + 0.5 * change_y, dx, dy, active)
 
 
-def wall_half_plane(px, py, radius, time_horizon, dt, active):
-    """Velocities that keep a disc clear, for ``time_horizon`` seconds, of the wall point at relative position p.
+class NearWall(NamedTuple):
+    """A wall as an agent beside it sees it: vertices relative to the agent, who stands on the free side, the left.
 
-    The point is the wall's nearest one; a disc that already overlaps the wall leaves it within one step.
+    before, a, b, after: consecutive vertices of its chain, the wall being a to b; active: whether it is there at all.
     """
-    distance = safe_sqrt(px * px + py * py)
-    nx, ny = px / distance, py / distance
-    gap = distance - radius
-    limit = gap / jnp.where(gap < 0, dt, jnp.maximum(time_horizon, dt))
-    return HalfPlane(nx * limit, ny * limit, -ny, nx, active)
+
+    before_x: jax.Array
+    before_y: jax.Array
+    ax: jax.Array
+    ay: jax.Array
+    bx: jax.Array
+    by: jax.Array
+    after_x: jax.Array
+    after_y: jax.Array
+    active: jax.Array
 
 
-def solve(wall_planes, agent_planes, preferred_vx, preferred_vy, max_speed):
-    """Permitted velocity nearest to the preferred one, no faster than ``max_speed``.
+def wall_half_planes(walls, vx, vy, radius, time_horizon):
+    """Permitted velocities next to each of ``walls``, a list of `NearWall`, nearest first: a list of `HalfPlane`.
 
-    wall_planes, agent_planes: lists of `HalfPlane`. Where they leave nothing, the velocity that violates the agents'
-    planes least while the walls' stay hard.
+    Walls don't move, so the whole effort is the agent's: its disc stays clear of them for ``time_horizon`` seconds. A
+    wall whose velocity obstacle lies within what the ones before it forbid adds nothing.
     """
-    planes = wall_planes + agent_planes
-    speed = safe_sqrt(preferred_vx * preferred_vx + preferred_vy * preferred_vy)
-    shrink = jnp.where(speed > max_speed, max_speed / speed, 1.0)
-    start = shrink * preferred_vx, shrink * preferred_vy
-    vx, vy, failed_at = _nearest_program(planes, start, preferred_vx, preferred_vy, max_speed, direction_only=False)
-    return _fallback_program(wall_planes, agent_planes, failed_at - len(wall_planes), vx, vy, max_speed)
+    planes = []
+    for wall in walls:
+        covered = jnp.bool_(False)
+        for plane in planes:
+            beyond_a = cross2d(wall.ax / time_horizon - plane.x, wall.ay / time_horizon - plane.y, plane.dx, plane.dy)
+            beyond_b = cross2d(wall.bx / time_horizon - plane.x, wall.by / time_horizon - plane.y, plane.dx, plane.dy)
+            beyond = jnp.minimum(beyond_a, beyond_b) - radius / time_horizon
+            covered |= plane.active & (beyond >= -_ROUNDING)
+        planes.append(_wall_half_plane(wall, vx, vy, radius, time_horizon, wall.active & ~covered))
+    return planes
 
 
-def _on_line(planes, i, target_x, target_y, max_speed, direction_only):
-    """RVO2's linearProgram1: the best velocity on the border of plane i that satisfies planes 0 to i - 1.
+def _wall_half_plane(wall, vx, vy, radius, time_horizon, active):
+    """`HalfPlane` of one wall: RVO2's cases one after the other.
 
-    Returns (vx, vy, feasible).
+    Facing the wall, b is its left end and a its right one. A reflex vertex of the free space is a convex one of the
+    obstacle: only there does the obstacle have a leg of its own.
     """
-    line = planes[i]
-    projection = line.x * line.dx + line.y * line.dy
-    discriminant = projection * projection + max_speed * max_speed - line.x * line.x - line.y * line.y
-    half = safe_sqrt(discriminant)
-    low, high = -projection - half, -projection + half
-    feasible = discriminant >= 0
-    for other in planes[:i]:
-        sine = cross2d(line.dx, line.dy, other.dx, other.dy)
-        offset = cross2d(other.dx, other.dy, line.x - other.x, line.y - other.y)
-        parallel = jnp.abs(sine) <= _PARALLEL
-        t = offset / jnp.where(parallel, 1.0, sine)
-        feasible &= ~(other.active & parallel & (offset < 0))
-        cuts = other.active & ~parallel
-        high = jnp.where(cuts & (sine >= 0), jnp.minimum(high, t), high)
-        low = jnp.where(cuts & (sine < 0), jnp.maximum(low, t), low)
-    feasible &= low <= high
-    if direction_only:
-        t = jnp.where(target_x * line.dx + target_y * line.dy > 0, high, low)
-    else:
-        t = jnp.clip(line.dx * (target_x - line.x) + line.dy * (target_y - line.y), low, high)
-    return line.x + t * line.dx, line.y + t * line.dy, feasible
+    radius_squared = radius * radius
+    lx, ly, rx, ry = wall.bx, wall.by, wall.ax, wall.ay
+    ex, ey = unit(rx - lx, ry - ly)
+    left_neighbor_x, left_neighbor_y = unit(lx - wall.after_x, ly - wall.after_y)
+    right_neighbor_x, right_neighbor_y = unit(wall.before_x - rx, wall.before_y - ry)
+    # The end of a wall without thickness turns back exactly: 0 but for rounding.
+    left_convex = cross2d(left_neighbor_x, left_neighbor_y, ex, ey) >= -_ROUNDING
+    right_convex = cross2d(ex, ey, right_neighbor_x, right_neighbor_y) >= -_ROUNDING
+    # Where the agent's foot on the wall's line is: s < 0 beyond the left end, s > 1 beyond the right one.
+    span_x, span_y = rx - lx, ry - ly
+    s = -(lx * span_x + ly * span_y) / jnp.maximum(span_x * span_x + span_y * span_y, 1e-12)
+    line_squared = (lx + s * span_x) ** 2 + (ly + s * span_y) ** 2
+    left_squared, right_squared = lx * lx + ly * ly, rx * rx + ry * ry
 
+    # In contact: no velocity toward the wall, or toward its end.
+    touches_left = (s < 0) & (left_squared <= radius_squared)
+    touches_right = (s > 1) & (right_squared <= radius_squared)
+    touches = touches_left | touches_right | ((s >= 0) & (s <= 1) & (line_squared <= radius_squared))
+    end_x, end_y = jnp.where(touches_left, lx, rx), jnp.where(touches_left, ly, ry)
+    away_x, away_y = unit(-end_y, end_x)
+    touch_x = jnp.where(touches_left | touches_right, away_x, -ex)
+    touch_y = jnp.where(touches_left | touches_right, away_y, -ey)
+    # What a neighbouring wall takes care of is left to it.
+    of_neighbor = ~right_convex | (cross2d(rx, ry, right_neighbor_x, right_neighbor_y) < 0)
+    active &= ~((touches_left & ~left_convex) | (touches_right & of_neighbor))
 
-def _nearest_program(planes, start, target_x, target_y, max_speed, direction_only):
-    """RVO2's linearProgram2: planes one after the other. Returns (vx, vy, index of the one that failed or len)."""
-    vx, vy = start
-    failed_at = jnp.full(jnp.shape(vx), len(planes))
-    for i, plane in enumerate(planes):
-        new_x, new_y, feasible = _on_line(planes, i, target_x, target_y, max_speed, direction_only)
-        violated = (plane.violation(vx, vy) > 0) & (failed_at == len(planes))
-        failed_at = jnp.where(violated & ~feasible, i, failed_at)
-        vx, vy = jnp.where(violated & feasible, new_x, vx), jnp.where(violated & feasible, new_y, vy)
-    return vx, vy, failed_at
+    # Seen so obliquely that one end hides the rest: the velocity obstacle is that of the end.
+    only_left = (s < 0) & (line_squared <= radius_squared)
+    only_right = (s > 1) & (line_squared <= radius_squared)
+    active &= touches | ~((only_left & ~left_convex) | (only_right & ~right_convex))
+    only = only_left | only_right
+    lx, ly = jnp.where(only_right, rx, lx), jnp.where(only_right, ry, ly)
+    rx, ry = jnp.where(only_left, lx, rx), jnp.where(only_left, ly, ry)
+    left_squared, right_squared = lx * lx + ly * ly, rx * rx + ry * ry
+    left_neighbor_x = jnp.where(only_right, ex, left_neighbor_x)
+    left_neighbor_y = jnp.where(only_right, ey, left_neighbor_y)
+    right_neighbor_x = jnp.where(only_left, ex, right_neighbor_x)
+    right_neighbor_y = jnp.where(only_left, ey, right_neighbor_y)
+    left_convex, right_convex = left_convex | only, right_convex | only
 
+    # Legs; beside an end that is not convex the cut-off line goes on.
+    length = safe_sqrt(left_squared - radius_squared)
+    left_x = jnp.where(left_convex, (lx * length - ly * radius) / jnp.maximum(left_squared, 1e-12), -ex)
+    left_y = jnp.where(left_convex, (lx * radius + ly * length) / jnp.maximum(left_squared, 1e-12), -ey)
+    length = safe_sqrt(right_squared - radius_squared)
+    right_x = jnp.where(right_convex, (rx * length + ry * radius) / jnp.maximum(right_squared, 1e-12), ex)
+    right_y = jnp.where(right_convex, (-rx * radius + ry * length) / jnp.maximum(right_squared, 1e-12), ey)
+    # A leg can't point into the neighbouring wall: there that wall's cut-off line takes over.
+    left_foreign = left_convex & (cross2d(left_x, left_y, -left_neighbor_x, -left_neighbor_y) >= 0)
+    right_foreign = right_convex & (cross2d(right_x, right_y, right_neighbor_x, right_neighbor_y) <= 0)
+    left_x = jnp.where(left_foreign, -left_neighbor_x, left_x)
+    left_y = jnp.where(left_foreign, -left_neighbor_y, left_y)
+    right_x = jnp.where(right_foreign, right_neighbor_x, right_x)
+    right_y = jnp.where(right_foreign, right_neighbor_y, right_y)
 
-def _fallback_program(wall_planes, agent_planes, begin, vx, vy, max_speed):
-    """RVO2's linearProgram3: from agents' plane ``begin`` on, minimise the largest violation, walls staying hard."""
-    stacked = HalfPlane(*(jnp.stack(jnp.broadcast_arrays(*field)) for field in zip(*agent_planes, strict=True)))
+    # The velocity, seen from both ends of the cut-off segment, and its distances from that segment and from the legs.
+    cut = radius / time_horizon
+    from_left_x, from_left_y = vx - lx / time_horizon, vy - ly / time_horizon
+    from_right_x, from_right_y = vx - rx / time_horizon, vy - ry / time_horizon
+    cut_x, cut_y = (rx - lx) / time_horizon, (ry - ly) / time_horizon
+    t = (from_left_x * cut_x + from_left_y * cut_y) / jnp.maximum(cut_x * cut_x + cut_y * cut_y, 1e-12)
+    t = jnp.where(only, 0.5, t)
+    along_left = from_left_x * left_x + from_left_y * left_y
+    along_right = from_right_x * right_x + from_right_y * right_y
+    to_cut = jnp.where(
+        (t < 0) | (t > 1) | only, jnp.inf, (from_left_x - t * cut_x) ** 2 + (from_left_y - t * cut_y) ** 2
+    )
+    to_left = (from_left_x - along_left * left_x) ** 2 + (from_left_y - along_left * left_y) ** 2
+    to_left = jnp.where(along_left < 0, jnp.inf, to_left)
+    to_right = (from_right_x - along_right * right_x) ** 2 + (from_right_y - along_right * right_y) ** 2
+    to_right = jnp.where(along_right < 0, jnp.inf, to_right)
 
-    def relax(carry, index_and_line):
-        vx, vy, worst = carry
-        index, line = index_and_line
-        projected = [_bisector(line, other, other.active & (j < index)) for j, other in enumerate(agent_planes)]
-        direction = -line.dy, line.dx
-        start = direction[0] * max_speed, direction[1] * max_speed
-        planes = wall_planes + projected
-        new_x, new_y, failed_at = _nearest_program(planes, start, *direction, max_speed, direction_only=True)
-        relevant = (index >= begin) & (line.violation(vx, vy) > worst)
-        # Failing here is rounding: the velocity at hand is on the border already, so it is kept, as in RVO2.
-        replace = relevant & (failed_at == len(planes))
-        vx, vy = jnp.where(replace, new_x, vx), jnp.where(replace, new_y, vy)
-        return (vx, vy, jnp.where(relevant, line.violation(vx, vy), worst)), None
+    left_circle = ((t < 0) & (along_left < 0)) | (only & (along_left < 0) & (along_right < 0))
+    right_circle = ~left_circle & (t > 1) & (along_right < 0)
+    circle = left_circle | right_circle
+    on_cut = (to_cut <= to_left) & (to_cut <= to_right)
+    on_left = ~on_cut & (to_left <= to_right)
+    active &= touches | circle | on_cut | ~jnp.where(on_left, left_foreign, right_foreign)
 
-    start = (vx, vy, jnp.zeros_like(vx))
-    indices = jnp.arange(len(agent_planes))
-    return jax.lax.scan(relax, start, (indices, stacked))[0][:2]
-
-
-def _bisector(line, other, active):
-    """Where ``line`` is violated as much as ``other``: velocities that violate ``other`` less lie to the left."""
-    sine = cross2d(line.dx, line.dy, other.dx, other.dy)
-    parallel = jnp.abs(sine) <= _PARALLEL
-    same_way = line.dx * other.dx + line.dy * other.dy > 0
-    t = cross2d(other.dx, other.dy, line.x - other.x, line.y - other.y) / jnp.where(parallel, 1.0, sine)
-    x = jnp.where(parallel, 0.5 * (line.x + other.x), line.x + t * line.dx)
-    y = jnp.where(parallel, 0.5 * (line.y + other.y), line.y + t * line.dy)
-    dx, dy = other.dx - line.dx, other.dy - line.dy
-    length = safe_sqrt(dx * dx + dy * dy)
-    return HalfPlane(x, y, dx / length, dy / length, active & ~(parallel & same_way))
+    ux, uy = unit(jnp.where(left_circle, from_left_x, from_right_x), jnp.where(left_circle, from_left_y, from_right_y))
+    dx = jnp.where(circle, uy, jnp.where(on_cut, -ex, jnp.where(on_left, left_x, -right_x)))
+    dy = jnp.where(circle, -ux, jnp.where(on_cut, -ey, jnp.where(on_left, left_y, -right_y)))
+    at_left = left_circle | (~right_circle & (on_cut | on_left))
+    x = jnp.where(at_left, lx, rx) / time_horizon - cut * dy
+    y = jnp.where(at_left, ly, ry) / time_horizon + cut * dx
+    return HalfPlane(
+        jnp.where(touches, 0.0, x), jnp.where(touches, 0.0, y),
+        jnp.where(touches, touch_x, dx), jnp.where(touches, touch_y, dy), active,
+    )  # fmt: skip

@@ -3,12 +3,15 @@
 Source: docs/world.md section 6 and 7.
 """
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 
-from . import dialogue, orca
-from .geometry import closest_on_segment, cross2d, norm, unit
+from . import dialogue, linear_program, orca
+from .geometry import cross2d, insert_nearest, norm, unit
 from .types import LEFT, NONE, RIGHT, STOP
+from .walls import nearest_walls
 
 _COS_45 = 0.70710678
 
@@ -40,23 +43,13 @@ def preferred_velocity(pedestrian, encounter, fate, params):
     return speed * dx, speed * dy
 
 
-def nearest_walls(x, y, walls, count):
-    """The ``count`` wall points nearest to (x, y), relative to it: a list of (squared distance, dx, dy), sorted."""
-    start = (jnp.float32(jnp.inf), jnp.float32(1.0), jnp.float32(0.0))
-
-    def insert(nearest, wall):
-        ax, ay, bx, by, solid = wall
-        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
-        dx, dy = qx - x, qy - y
-        carried = jnp.where(solid, dx * dx + dy * dy, jnp.inf), dx, dy
-        kept = []
-        for held in nearest:
-            swap = carried[0] < held[0]
-            kept.append(tuple(jnp.where(swap, new, old) for new, old in zip(carried, held, strict=True)))
-            carried = tuple(jnp.where(swap, old, new) for new, old in zip(carried, held, strict=True))
-        return kept, None
-
-    return jax.lax.scan(insert, [start] * min(count, walls.solid.shape[0]), walls.segments())[0]
+def near_walls(x, y, walls, reach, count):
+    """The ``count`` walls nearest to (x, y) within ``reach``: a list of `orca.NearWall`, nearest first."""
+    found = []
+    for squared, i in nearest_walls(x, y, walls, count):
+        vertices = [(walls.x[k] - x, walls.y[k] - y) for k in (walls.before[i], i, i + 1, walls.after[i])]
+        found.append(orca.NearWall(*itertools.chain(*vertices), active=squared < reach * reach))
+    return found
 
 
 def choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, params):
@@ -65,10 +58,12 @@ def choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, p
     others: list of (px, py, vx, vy, active), its neighbours relative to it, nearest first.
     """
     want_x, want_y = preferred_velocity(pedestrian, encounter, fate, params)
-    wall_planes = [
-        orca.wall_half_plane(dx, dy, params.body_radius, params.time_horizon_walls, params.dt, squared < jnp.inf)
-        for squared, dx, dy in nearest_walls(pedestrian.x, pedestrian.y, walls, config.wall_neighbors)
-    ]
+    # No further than it could walk within the horizon, as in RVO2.
+    reach = params.time_horizon_walls * params.max_speed + params.body_radius
+    near = near_walls(pedestrian.x, pedestrian.y, walls, reach, config.wall_neighbors)
+    wall_planes = orca.wall_half_planes(
+        near, pedestrian.vx, pedestrian.vy, params.body_radius, params.time_horizon_walls
+    )
     px, py = robot.x - pedestrian.x, robot.y - pedestrian.y
     sees_robot = (norm(px, py) < params.awareness) & ~dialogue.is_committed(encounter, fate)
     robot_vx, robot_vy = robot.v * jnp.cos(robot.heading), robot.v * jnp.sin(robot.heading)
@@ -80,33 +75,37 @@ def choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, p
         )
         for px, py, vx, vy, radius, active in agents
     ]
-    return orca.solve(wall_planes, agent_planes, want_x, want_y, params.max_speed)
+    return linear_program.solve(wall_planes, agent_planes, want_x, want_y, params.max_speed)
 
 
-def neighbors(pedestrians, config, params):
-    """For each pedestrian the others it avoids, nearest first: a list of (px, py, vx, vy, active), each `[P]`."""
-    dx = pedestrians.x[None, :] - pedestrians.x[:, None]
-    dy = pedestrians.y[None, :] - pedestrians.y[:, None]
-    squared = jnp.where(jnp.eye(config.pedestrians, dtype=bool), jnp.inf, dx * dx + dy * dy)
-    count = min(config.max_neighbors, config.pedestrians - 1)
-    index = jax.lax.top_k(-squared, count)[1]
+def near_pedestrians(i, pedestrians, config, params):
+    """The pedestrians `[P]` nearest to number i: a list of (px, py, vx, vy, active) relative to it, nearest first."""
+    x, y = pedestrians.x[i], pedestrians.y[i]
 
-    def pick(table, k):
-        return jnp.take_along_axis(table, index[:, k : k + 1], axis=1)[:, 0]
+    def insert(held, other):
+        j, other_x, other_y = other
+        squared = jnp.where(j == i, jnp.inf, (other_x - x) ** 2 + (other_y - y) ** 2)
+        return insert_nearest(held, squared, j), None
 
+    start = [(jnp.full_like(x, jnp.inf), jnp.int32(0))] * min(config.max_neighbors, config.pedestrians - 1)
+    indices = jnp.arange(config.pedestrians, dtype=jnp.int32)
+    found = jax.lax.scan(insert, start, (indices, pedestrians.x, pedestrians.y))[0]
     return [
         (
-            pick(dx, k), pick(dy, k), pedestrians.vx[index[:, k]], pedestrians.vy[index[:, k]],
-            pick(squared, k) < params.neighbor_distance**2,
+            pedestrians.x[j] - x, pedestrians.y[j] - y, pedestrians.vx[j], pedestrians.vy[j],
+            squared < params.neighbor_distance**2,
         )
-        for k in range(count)
+        for squared, j in found
     ]  # fmt: skip
 
 
 def walk(pedestrians, encounters, fates, robot, walls, config, params):
     """All pedestrians `[P]` after one step of ``dt``; the robot is where it was at the step's beginning."""
-    others = neighbors(pedestrians, config, params)
-    vx, vy = jax.vmap(lambda p, e, f, o: choose_velocity(p, e, f, robot, o, walls, config, params))(
-        pedestrians, encounters, fates, others
-    )
+
+    def one(i, pedestrian, encounter, fate):
+        others = near_pedestrians(i, pedestrians, config, params)
+        return choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, params)
+
+    indices = jnp.arange(config.pedestrians, dtype=jnp.int32)
+    vx, vy = jax.vmap(one)(indices, pedestrians, encounters, fates)
     return pedestrians.replace(x=pedestrians.x + vx * params.dt, y=pedestrians.y + vy * params.dt, vx=vx, vy=vy)

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .geometry import closest_on_segment, norm
-from .types import Walls
+from .geometry import norm
+from .walls import wall_clearance
 
 CLEARANCE = 0.3  # from starts and goals to walls
 ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
@@ -111,15 +111,6 @@ def get(name):
     return SCENES[name]
 
 
-def wall_table(scenes):
-    """`Walls` of several scenes, numpy, padded to one size: leaves `[scenes, ...]`."""
-    tables = [_chain_walls(scene.chains) for scene in scenes]
-    size = max(solid.size for _, solid in tables)
-    points = np.stack([np.pad(points, ((0, size + 1 - len(points)), (0, 0)), mode="edge") for points, _ in tables])
-    solid = np.stack([np.pad(solid, (0, size - solid.size)) for _, solid in tables])
-    return Walls(x=points[..., 0].astype(np.float32), y=points[..., 1].astype(np.float32), solid=solid)
-
-
 @chex.dataclass(frozen=True)
 class Floors:
     """Rectangles of free space: sides x0, y0, x1, y1 `[4, F]`, of which the first ``count`` are not padding."""
@@ -133,16 +124,6 @@ def floor_table(scenes):
     size = max(len(scene.floors) for scene in scenes)
     sides = [np.pad(np.array(scene.floors).T, ((0, 0), (0, size - len(scene.floors))), mode="edge") for scene in scenes]
     return Floors(sides=np.stack(sides).astype(np.float32), count=np.array([len(scene.floors) for scene in scenes]))
-
-
-def _chain_walls(chains):
-    points, solid = [], []
-    for chain in chains:
-        if points:
-            solid.append(False)
-        points += [*chain, chain[0]]
-        solid += [True] * len(chain)
-    return np.array(points), np.array(solid)
 
 
 def place(key, scenes, scene, walls, floors, pedestrians, params):
@@ -174,17 +155,6 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
         return (x, y, heading, goal_x, goal_y), tuple(first[:, None])
     others = _strollers(key_stroll, floors, pedestrians - 1, x, y, first)
     return (x, y, heading, goal_x, goal_y), tuple(jnp.concatenate([first[:, None], others], axis=1))
-
-
-def wall_clearance(x, y, walls):
-    """Distance from a point to the nearest wall."""
-
-    def one(ax, ay, bx, by, solid):
-        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
-        return jnp.where(solid, norm(qx - x, qy - y), jnp.inf)
-
-    distances = jax.vmap(one)(*walls.segments())
-    return jnp.min(distances, axis=0)
 
 
 def _floor_depth(x, y, floors):

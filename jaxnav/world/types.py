@@ -137,13 +137,16 @@ class Action:
 class Walls:
     """Closed polygon chains drawn with one pen: wall i joins vertex i to vertex i + 1 where ``solid[i]``.
 
-    x, y: `[W + 1]` vertices; solid: `[W]`, False where the pen is lifted between two chains. Padding repeats the last
-    vertex. Free space lies to the left of every wall.
+    x, y: `[W + 1]` vertices; solid: `[W]`, False where the pen is lifted between two chains; before, after: `[W]` index
+    of the vertex before vertex i and after vertex i + 1 in the chain. Padding repeats the last vertex. Free space lies
+    to the left of every wall.
     """
 
     x: jax.Array
     y: jax.Array
     solid: jax.Array
+    before: jax.Array
+    after: jax.Array
 
     def segments(self):
         """(ax, ay, bx, by, solid), each `[W]`: both ends of every wall."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from jaxnav.world import SCENES, Params, World, WorldConfig, lidar, scenes
+from jaxnav.world import SCENES, Params, World, WorldConfig, lidar
 
 BEAMS = 61
 RANGE = 9.0
@@ -144,9 +144,3 @@ def test_observed_noise_depends_on_seed_and_time_alone(variant, situation):
     # Without noise the same beams miss.
     silent = noisy(state, params.replace(scan_noise_std=0.0)).scan
     np.testing.assert_array_equal(np.asarray(silent) == 3.0, ~hit)
-
-
-def test_wall_table_pads_without_adding_walls():
-    table = scenes.wall_table(WORLD.scenes)
-    assert table.solid.shape == (3, 12) and table.x.shape == (3, 13)
-    assert table.solid.sum(axis=1).tolist() == [4, 4, 12]

@@ -1,20 +1,12 @@
-"""ORCA: closed forms, the linear programs against enumeration in float64, and RVO2 itself."""
-
-import itertools
+"""ORCA: half-planes against closed forms."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
-from jaxnav.world import Params, Walls, WorldConfig, orca
-from jaxnav.world.pedestrian import walk
-
-TOLERANCE = 3e-4
-WALLS, AGENTS = 2, 4
-MAX_SPEED = 1.0
+from jaxnav.world import orca, pedestrian
+from jaxnav.world.walls import walls_from_chains
 
 half_plane = jax.jit(orca.agent_half_plane)
 
@@ -67,174 +59,62 @@ def test_overlapping_agents_part_within_a_step_half_each():
     assert plane.violation(-0.375, 0.0) == pytest.approx(0.0, abs=1e-5)
 
 
-def test_inactive_planes_forbid_nothing():
-    plane = half_plane(0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 5.0, 0.4, False)
-    assert orca.solve([], [plane], 0.5, 0.0, 1.0) == pytest.approx((0.5, 0.0))
+def wall_planes(chain, position, velocity, radius=0.2, horizon=2.0, reach=2.0):
+    """Active half-planes of an agent beside one chain, as (point of the border nearest to the origin, normal)."""
+    walls = jax.tree.map(jnp.asarray, walls_from_chains([chain]))
+    near = pedestrian.near_walls(*map(jnp.float32, position), walls, reach, 4)
+    planes = orca.wall_half_planes(near, *velocity, radius, horizon)
+    return [permitted_border(plane) for plane in planes if plane.active]
 
 
-@pytest.mark.parametrize(("distance", "limit"), [(0.6, 0.1), (0.1, 0.0), (0.06, -0.1)])
-def test_wall_limits_the_speed_toward_it_and_pushes_out(distance, limit):
-    """gap / horizon while clear; an overlap of 0.04 m is left within a step of 0.4 s."""
-    plane = orca.wall_half_plane(0.0, distance, 0.1, 5.0, 0.4, True)
-    assert plane.violation(3.0, limit) == pytest.approx(0.0, abs=1e-6)
-    assert plane.violation(-3.0, limit + 0.2) == pytest.approx(0.2, abs=1e-6)
+ROOM = [(-5, -5), (5, -5), (5, 5), (-5, 5)]
+PILLAR = [(-1, -1), (-1, 1), (1, 1), (1, -1)]  # free space outside
 
 
-@jax.jit
-def solve(planes, preferred):
-    """`orca.solve` of planes `[WALLS + AGENTS, 5]`: angle of the normal, offset along it (permitted beyond), active."""
-    nx, ny, offset, active = planes
-    planes = [orca.HalfPlane(nx[i] * offset[i], ny[i] * offset[i], ny[i], -nx[i], active[i]) for i in range(len(nx))]
-    return jnp.stack(orca.solve(planes[:WALLS], planes[WALLS:], *preferred, MAX_SPEED))
+@pytest.mark.parametrize("gap", [0.5, 0.01])
+def test_a_flat_wall_is_reached_no_sooner_than_the_horizon(gap):
+    """Toward the wall at most gap / horizon, and nothing else."""
+    [(point, normal)] = wall_planes(ROOM, (0.0, 5.0 - 0.2 - gap), (0.1, 0.4))
+    np.testing.assert_allclose(normal, [0.0, -1.0], atol=1e-6)
+    np.testing.assert_allclose(point, [0.0, gap / 2.0], atol=1e-6)
 
 
-def vertices(normals, offsets, target):
-    """Every point at which a convex program over half-planes ``n v >= offset`` and the disc can have its optimum."""
-    points = [target if np.linalg.norm(target) <= MAX_SPEED else MAX_SPEED * target / np.linalg.norm(target)]
-    for n, c in zip(normals, offsets, strict=True):
-        tangent = np.array([-n[1], n[0]])
-        points.append(n * c + tangent * (tangent @ target))
-        if abs(c) <= MAX_SPEED:
-            points += [n * c + side * tangent * np.sqrt(MAX_SPEED**2 - c * c) for side in (1, -1)]
-    for (n, c), (m, d) in itertools.combinations(zip(normals, offsets, strict=True), 2):
-        if abs(np.linalg.det([n, m])) > 1e-9:
-            points.append(np.linalg.solve([n, m], [c, d]))
-    return np.array(points)
+def test_in_touch_with_a_wall_no_velocity_goes_into_it():
+    """An overlap isn't undone by force, as in RVO2: it only can't grow."""
+    [(point, normal)] = wall_planes(ROOM, (0.0, 4.9), (0.3, 0.0))
+    np.testing.assert_allclose(normal, [0.0, -1.0], atol=1e-6)
+    np.testing.assert_allclose(point, [0.0, 0.0], atol=1e-6)
 
 
-def nearest_permitted(normals, offsets, target):
-    """Distance to ``target`` of the nearest permitted velocity; inf if there is none."""
-    points = vertices(normals, offsets, target)
-    if len(normals):
-        points = points[(points @ normals.T >= offsets - 1e-9).all(axis=1)]
-    points = points[np.linalg.norm(points, axis=1) <= MAX_SPEED + 1e-9]
-    return np.linalg.norm(points - target, axis=1).min(initial=np.inf)
+def test_both_walls_of_a_corner_of_the_room_count():
+    planes = wall_planes(ROOM, (4.5, 4.6), (0.3, 0.3))
+    normals = sorted((round(float(n[0]), 5), round(float(n[1]), 5)) for _, n in planes)
+    assert normals == [(-1.0, 0.0), (0.0, -1.0)]
 
 
-def least_violation(normals, offsets, hard):
-    """Smallest s so that planes that are not ``hard``, moved back by s, leave something; negative if s could shrink."""
-    low, high = -3.0, 3.0
-    while high - low > 1e-7:
-        s = (low + high) / 2
-        found = nearest_permitted(normals, np.where(hard, offsets, offsets - s), np.zeros(2)) < np.inf
-        low, high = (low, s) if found else (s, high)
-    return high
+def test_around_the_corner_of_a_pillar_the_leg_is_the_tangent():
+    """Walking past the corner of a pillar: the border is the tangent from the agent to the corner's disc."""
+    corner, agent = np.array([-1.0, 1.0]), np.array([-2.0, 0.9])
+    direction = corner - agent
+    half_angle = np.arcsin(0.2 / np.linalg.norm(direction))
+    tangent = np.arctan2(direction[1], direction[0]) + half_angle
+    velocity = 0.9 * np.array([np.cos(tangent - 0.05), np.sin(tangent - 0.05)])  # just inside
+    planes = wall_planes(PILLAR, agent, velocity)
+    point, normal = max(planes, key=lambda plane: plane[1] @ (plane[0] - velocity))
+    np.testing.assert_allclose(normal, [-np.sin(tangent), np.cos(tangent)], atol=1e-5)
+    np.testing.assert_allclose(point, [0.0, 0.0], atol=1e-5)
 
 
-@st.composite
-def programs(draw, crowded):
-    """Half-planes in directions of whole degrees (some exactly parallel, none almost) and a preferred velocity."""
-    count = WALLS + AGENTS
-    angles = np.deg2rad(draw(st.lists(st.integers(0, 359), min_size=count, max_size=count)))
-    lowest = 0 if crowded else -120
-    offsets = [draw(st.integers(-60, 20)) / 100 for _ in range(WALLS)]
-    offsets += [draw(st.integers(lowest, 90)) / 100 for _ in range(AGENTS)]
-    active = np.array(draw(st.lists(st.booleans() if not crowded else st.just(True), min_size=count, max_size=count)))
-    preferred = np.array([draw(st.integers(-150, 150)) / 100 for _ in range(2)])
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1), np.array(offsets), active, preferred
+def test_walls_are_ignored_from_behind_and_beyond_reach():
+    assert wall_planes(PILLAR, (0.0, 0.9), (0.0, 0.3), reach=0.5) == []  # inside the pillar
+    assert wall_planes(ROOM, (0.0, 0.0), (0.0, 0.5)) == []
 
 
-@pytest.mark.parametrize("crowded", [False, True])
-@settings(max_examples=100)
-@given(data=st.data())
-def test_solve_finds_the_optimum(crowded, data):
-    """Where permitted velocities exist: the nearest of them. Else: least violation of the agents with hard walls."""
-    normals, offsets, active, preferred = data.draw(programs(crowded))
-    hard = np.arange(WALLS + AGENTS) < WALLS
-    assume(least_violation(normals[hard & active], offsets[hard & active], np.zeros(sum(hard & active), bool)) < -0.01)
-
-    v = np.asarray(solve((*normals.T, offsets, active), preferred), np.float64)
-    assert np.linalg.norm(v) <= MAX_SPEED + TOLERANCE
-    slack = (normals @ v - offsets)[active]
-    assert slack[hard[active]].min(initial=np.inf) >= -TOLERANCE
-    least = least_violation(normals[active], offsets[active], hard[active])
-    assert -slack[~hard[active]].min(initial=np.inf) <= max(least, 0.0) + TOLERANCE
-    # A permitted region thinner than 1 mm/s may count as empty in float32: then only the violation is asked for.
-    if least < -1e-3:
-        best = nearest_permitted(normals[active], offsets[active], preferred)
-        assert np.linalg.norm(v - preferred) <= best + TOLERANCE
-
-
-def test_enumeration_agrees_with_a_grid():
-    """The oracle of the test above, against a dense grid over the disc."""
-    rng = np.random.default_rng(0)
-    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 401)] * 2), axis=-1).reshape(-1, 2)
-    grid = grid[np.linalg.norm(grid, axis=1) <= MAX_SPEED]
-    for _ in range(20):
-        angles, offsets, target = rng.uniform(0, 2 * np.pi, 4), rng.uniform(-0.5, 0.5, 4), rng.uniform(-1, 1, 2)
-        normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        slack = (grid @ normals.T - offsets).min(axis=1)
-        assert -slack.max() == pytest.approx(least_violation(normals, offsets, np.zeros(4, bool)), abs=0.01)
-        if slack.max() > 0.05:
-            permitted = grid[slack >= 0]
-            best = np.linalg.norm(permitted - target, axis=1).min()
-            assert best == pytest.approx(nearest_permitted(normals, offsets, target), abs=0.01)
-
-
-def crowd_of(rng, count, size):
-    """Positions, velocities and goals `[count, 2]` of a random crowd in a square of that size, nobody overlapping."""
-    while True:
-        at = rng.uniform(-size / 2, size / 2, (count, 2))
-        gaps = np.linalg.norm(at[:, None] - at[None], axis=-1) + np.eye(count)
-        if gaps.min() > 0.28:
-            return at, rng.uniform(-0.4, 0.4, (count, 2)), rng.uniform(-4, 4, (count, 2))
-
-
-NO_WALLS = Walls(x=np.zeros(2, np.float32), y=np.zeros(2, np.float32), solid=np.zeros(1, bool))
-
-
-@pytest.fixture(scope="module")
-def walk_freely():
-    """A step of six pedestrians and the robot without walls, whose `walk` sees all within 3 m; `[N]` crowds at once."""
-    config = WorldConfig(pedestrians=6)
-
-    def step(state, params):
-        return walk(state.pedestrians, state.encounters, state.fates, state.robot, NO_WALLS, config, params)
-
-    return jax.jit(jax.vmap(step, in_axes=(0, None)))
-
-
-@pytest.mark.parametrize("size", [1.2, 2.0, 4.0])
-def test_crowds_walk_as_in_rvo2(size, walk_freely, situation):
-    """New velocities of six pedestrians beside the robot, against the C++ library, dense (infeasible) to sparse."""
-    rvo = pytest.importorskip("pyrvo")
-    params = Params(awareness=3.0, neighbor_distance=3.0)
-    rng = np.random.default_rng(0)
-    states, expected = [], []
-    for _ in range(60):
-        at, velocity, goals = crowd_of(rng, 7, size)
-        simulator = rvo.RVOSimulator(params.dt, 3.0, 10, params.time_horizon, 1.0, params.body_radius, params.max_speed)
-        for i in range(7):
-            simulator.add_agent(tuple(at[i]))
-            simulator.set_agent_velocity(i, tuple(velocity[i]))
-            away = np.linalg.norm(goals[i] - at[i])
-            speed = min(params.preferred_speed, away / params.dt)
-            simulator.set_agent_pref_velocity(i, tuple(speed * (goals[i] - at[i]) / away))
-        simulator.set_agent_radius(6, params.robot_radius)
-        simulator.do_step()
-        expected.append([[*simulator.get_agent_velocity(i).to_tuple()] for i in range(6)])
-        heading = np.arctan2(velocity[6, 1], velocity[6, 0])
-        state = situation(
-            robot=(*at[6], heading), twist=(np.linalg.norm(velocity[6]), 0.0), pedestrians=np.hstack([at, goals])[:6]
-        )
-        vx, vy = velocity[:6].T.astype(np.float32)
-        states.append(state.replace(pedestrians=state.pedestrians.replace(vx=vx, vy=vy)))
-    walked = walk_freely(jax.tree.map(lambda *leaves: np.stack(leaves), *states), params)
-    np.testing.assert_allclose(np.stack([walked.vx, walked.vy], axis=-1), expected, atol=1e-4)
-
-
-def test_solve_has_finite_gradients_where_it_is_infeasible_parallel_or_idle():
-    def total(normals_x, normals_y, offsets, preferred):
-        return jnp.sum(solve((normals_x, normals_y, offsets, np.ones(4, bool)), preferred))
-
-    gradient = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))
-    for degrees, offset in (
-        ([0, 90, 0, 180], 0.5),
-        ([0, 0, 0, 0], -0.5),
-        ([0, 120, 240, 30], 0.3),
-        ([0, 90, 9, 9], 0.0),
-    ):
-        normals = np.cos(np.deg2rad(degrees)).astype(np.float32), np.sin(np.deg2rad(degrees)).astype(np.float32)
-        for preferred in (np.zeros(2, np.float32), np.array([0.5, 0.0], np.float32)):
-            leaves = gradient(*normals, np.full(4, offset, np.float32), preferred)
-            assert all(np.all(np.isfinite(leaf)) for leaf in leaves)
+def test_a_wall_behind_another_adds_nothing():
+    """Two parallel pillar sides ahead: the far one's velocity obstacle lies within what the near one forbids."""
+    near, far = [(-1, 1), (-1, 2), (1, 2), (1, 1)], [(-0.5, 2.2), (-0.5, 3), (0.5, 3), (0.5, 2.2)]
+    walls = jax.tree.map(jnp.asarray, walls_from_chains([near, far]))
+    seen = pedestrian.near_walls(jnp.float32(0.0), jnp.float32(0.5), walls, 5.0, 4)
+    planes = orca.wall_half_planes(seen, 0.0, 0.4, 0.2, 2.0)
+    assert sum(bool(wall.active) for wall in seen) == 2
+    assert sum(bool(plane.active) for plane in planes) == 1

@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.world import SCENES, Params, World, WorldConfig, pedestrian, scenes
+from jaxnav.world import SCENES, Params, World, WorldConfig, pedestrian
 from jaxnav.world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
+from jaxnav.world.walls import wall_clearance
 
 DIAGONAL = np.sqrt(0.5)
 
@@ -145,7 +146,7 @@ def random_walks():
 
         def step(walkers, _):
             walkers = pedestrian.walk(walkers, state.encounters, state.fates, state.robot, walls, config, params)
-            return walkers, (walkers.x, walkers.y, scenes.wall_clearance(walkers.x, walkers.y, walls))
+            return walkers, (walkers.x, walkers.y, wall_clearance(walkers.x, walkers.y, walls))
 
         return jax.lax.scan(step, state.pedestrians, None, length=60)[1]
 

@@ -1,0 +1,106 @@
+"""Walls as closed chains: checked and tabled with numpy, searched under jit."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .geometry import closest_on_segment, cross2d, insert_nearest, norm, time_to_disc, time_to_slab
+from .types import Walls
+
+
+def walls_from_chains(chains):
+    """`Walls` (numpy) of closed chains of (x, y) vertices, free space to the left of each edge.
+
+    A chain of two vertices is a wall without thickness, free on both sides. ValueError: a chain of fewer, a coordinate
+    that is not finite, an edge without length.
+    """
+    points, solid, before, after = [], [], [], []
+    for number, chain in enumerate(chains):
+        chain = np.asarray(chain, float)
+        _check_chain(number, chain)
+        if points:
+            # The pen is lifted on the way to the next chain.
+            solid.append(False)
+            before.append(len(points) - 1)
+            after.append(len(points))
+        first, count = len(points), len(chain)
+        points += [*chain, chain[0]]
+        solid += [True] * count
+        before += [first + (i - 1) % count for i in range(count)]
+        after += [first + (i + 2) % count for i in range(count)]
+    x, y = np.array(points, np.float32).T
+    return Walls(
+        x=x, y=y, solid=np.array(solid), before=np.array(before, np.int32), after=np.array(after, np.int32)
+    )  # fmt: skip
+
+
+def _check_chain(number, chain):
+    if chain.ndim != 2 or chain.shape[1] != 2 or len(chain) < 2:
+        raise ValueError(f"chain {number} of the walls has shape {chain.shape}: give at least two vertices (x, y)")
+    if not np.all(np.isfinite(chain)):
+        vertex = int(np.argmin(np.isfinite(chain).all(axis=1)))
+        raise ValueError(f"chain {number} of the walls has vertex {vertex} at {chain[vertex]}: give finite numbers")
+    lengths = np.hypot(*(np.roll(chain, -1, axis=0) - chain).T)
+    if lengths.min() < 1e-4:
+        vertex = int(np.argmin(lengths))
+        raise ValueError(
+            f"chain {number} of the walls has an edge of {lengths[vertex]:.2g} m after vertex {vertex}: "
+            "leave out vertices that are closer together than 0.1 mm"
+        )
+
+
+def pad_walls(walls):
+    """Several `Walls` padded to one size: leaves `[len(walls), ...]`. Padding repeats the last vertex, not solid."""
+    size = max(one.solid.size for one in walls)
+
+    def pad(one):
+        missing = size - one.solid.size
+        last = {"mode": "constant", "constant_values": one.x.size - 1}
+        return Walls(
+            x=np.pad(one.x, (0, missing), mode="edge"), y=np.pad(one.y, (0, missing), mode="edge"),
+            solid=np.pad(one.solid, (0, missing)), before=np.pad(one.before, (0, missing), **last),
+            after=np.pad(one.after, (0, missing), **last),
+        )  # fmt: skip
+
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *[pad(one) for one in walls])
+
+
+def wall_clearance(x, y, walls):
+    """Distance from a point to the nearest wall."""
+
+    def one(ax, ay, bx, by, solid):
+        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
+        return jnp.where(solid, norm(qx - x, qy - y), jnp.inf)
+
+    return jnp.min(jax.vmap(one)(*walls.segments()), axis=0)
+
+
+def nearest_walls(x, y, walls, count):
+    """The ``count`` walls nearest to (x, y) of those that face it: a list of (squared distance, index), sorted.
+
+    The distance is inf where there are fewer.
+    """
+
+    def insert(held, wall):
+        index, (ax, ay, bx, by, solid) = wall
+        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
+        faces = solid & (cross2d(bx - ax, by - ay, x - ax, y - ay) > 0)
+        squared = jnp.where(faces, (qx - x) ** 2 + (qy - y) ** 2, jnp.inf)
+        return insert_nearest(held, squared, index), None
+
+    size = walls.solid.shape[0]
+    start = [(jnp.full_like(x, jnp.inf), jnp.int32(0))] * min(count, size)
+    return jax.lax.scan(insert, start, (jnp.arange(size, dtype=jnp.int32), walls.segments()))[0]
+
+
+def time_to_walls(x, y, ex, ey, walls, radius):
+    """First time in [0, 1] at which a disc at (x, y) that moves by e touches a wall, else inf."""
+
+    def nearer(time, wall):
+        ax, ay, bx, by, solid = wall
+        # Chains are closed, so that the first vertex of every wall covers all of them.
+        corner = time_to_disc(x - ax, y - ay, ex, ey, radius)
+        side = time_to_slab(x, y, ex, ey, ax, ay, bx, by, radius)
+        return jnp.minimum(time, jnp.where(solid, jnp.minimum(corner, side), jnp.inf)), None
+
+    return jax.lax.scan(nearer, jnp.full_like(x, jnp.inf), walls.segments())[0]
