@@ -33,6 +33,8 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
 
   jaxnav train --preset lidar --seed 1             longer, best quality
   jaxnav train --scene hallway --out runs/hall     one scene
+  jaxnav train --scene hard --out runs/hard        scenes in which words are needed
+  jaxnav train --scene map.yaml --out runs/mine    your own building, a ROS map
   jaxnav train --resume --out runs/quick-0         go on after an interruption
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
 """
@@ -67,13 +69,18 @@ def _fail(message):
 
 
 def _train(arguments):
-    from .training.config import PRESETS, RunConfig, resolve
+    from .training.config import PRESETS, RunConfig, resolve, scene_names
     from .training.run import Interrupted, Run
 
     preset = _option(arguments, "--preset") or "quick"
     if preset not in PRESETS:
         raise UserError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
-    config = resolve(_parse(RunConfig, arguments, "train", "Train a robot.", default=PRESETS[preset]))
+    default = PRESETS[preset]
+    scene = _option(arguments, "--scene")
+    if scene is not None:
+        # The people of a scene are the defaults of --world.params, which the command line may still change.
+        default = dataclasses.replace(default, scene=scene, world=default.world.of_scenes(scene_names(scene)))
+    config = resolve(_parse(RunConfig, arguments, "train", "Train a robot.", default=default))
     _enable_compilation_cache()
     run = Run(config)
     run.prepare_folder()

@@ -1,4 +1,4 @@
-"""What every test relies on: the CPU, and property tests that draw the same examples in every run."""
+"""What every test relies on: the CPU, property tests that draw the same examples in every run, and `--full`."""
 
 import os
 
@@ -12,10 +12,10 @@ settings.load_profile("jaxnav")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--full", action="store_true", help="proofs at full size instead of a twentieth of it: an hour")
+    parser.addoption("--full", action="store_true", help="proofs at their full size instead of a twentieth of it")
 
 
 @pytest.fixture(scope="session")
 def full(request):
-    """Whether proofs run at full size."""
+    """Whether proofs run at their full size."""
     return request.config.getoption("--full")

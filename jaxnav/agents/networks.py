@@ -38,7 +38,7 @@ def pedestrian_features(observation):
     distance = jnp.sqrt(x * x + y * y + 1e-12)
     dialogue = observation.dialogue
     motion = [
-        x / 4, y / 4, x / distance, y / distance, jnp.minimum(distance, 2.0) / 2, vx * 2, vy * 2,
+        observation.seen, x / 4, y / 4, x / distance, y / distance, jnp.minimum(distance, 2.0) / 2, vx * 2, vy * 2,
         dialogue.is_open, dialogue.pedestrian_first,
         jnp.minimum(dialogue.message_age, 10) / 10, jnp.minimum(dialogue.request_age, 10) / 10,
     ]  # fmt: skip

@@ -144,8 +144,7 @@ def _scan_ends(robot, t, scan):
 
 def _draw_agents(pen, episode, t, params):
     robot, walkers, encounters = episode.states.robot, episode.states.pedestrians, episode.states.encounters
-    count = walkers.x.shape[1]
-    for i in range(count):
+    for i in episode.present:
         pen.path(walkers.x[: t + 1, i], walkers.y[: t + 1, i], _tint(palette.PEDESTRIAN, 0.5), 2)
     pen.path(robot.x[: t + 1], robot.y[: t + 1], _tint(palette.ROBOT, 0.5), 2)
     x, y, heading = robot.x[t], robot.y[t], robot.heading[t]
@@ -157,14 +156,14 @@ def _draw_agents(pen, episode, t, params):
     reach = params.robot_radius * np.array([0.25, 0.9])
     pen.path(x + reach * np.cos(heading), y + reach * np.sin(heading), palette.FLOOR, 2)
     # On top of the robot: in a collision the smaller disc would vanish beneath it.
-    for i in range(count):
+    for i in episode.present:
         px, py = walkers.x[t, i], walkers.y[t, i]
         pen.arrow(px, py, walkers.vx[t, i], walkers.vy[t, i], palette.PEDESTRIAN, 2)
         pen.disc(px, py, params.body_radius + rim, palette.FLOOR)
         pen.disc(px, py, params.body_radius, palette.PEDESTRIAN)
-    if count > 1:
+    if len(episode.present) > 1:
         size = _font_size(pen.canvas, 11)
-        for i in range(count):
+        for i in episode.present:
             # Beside the one it names, on the side away from where it walks.
             column, row = pen.view.pixels(walkers.x[t, i], walkers.y[t, i])
             gap = params.body_radius * pen.view.scale + 0.75 * size

@@ -16,7 +16,10 @@ FAINT_INK = "#6B7078"
 
 ENDINGS = {"arrived": GOAL, "collision": COLLISION, "time out": "#9A6700"}
 
-_SCENES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#6B7078", "#8C564B")
+_SCENES = (
+    "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#6B7078", "#8C564B", "#332288", "#999933",
+    "#44AA99", "#882255",
+)  # fmt: skip
 
 
 def scene_colours(names):

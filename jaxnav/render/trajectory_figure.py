@@ -129,7 +129,7 @@ def _draw_episode(axes, scene, episode, norm, params):
         axes.plot(x, y, color=palette.WALL, linewidth=2.0, zorder=1, solid_joinstyle="miter")
     robot, walkers = episode.states.robot, episode.states.pedestrians
     time = np.arange(len(robot.x)) * params.dt
-    for i in range(walkers.x.shape[1]):
+    for i in episode.present:
         x, y = walkers.x[:, i], walkers.y[:, i]
         axes.scatter(x, y, c=time, cmap=_TIME_COLOURS, norm=norm, s=9, linewidths=0, zorder=3)
         axes.plot(x[0], y[0], **_MARKERS["pedestrian's start"], zorder=4)
@@ -187,7 +187,10 @@ def _label_speech(axes, scene, episode, hearing, renderer):
     robot, walkers = episode.states.robot, episode.states.pedestrians
     to_pixels, to_data = axes.transData.transform, axes.transData.inverted().transform
     unit = renderer.points_to_pixels(1.0)
-    lines = [np.stack([robot.x, robot.y], axis=-1), *np.stack([walkers.x, walkers.y], axis=-1).swapaxes(0, 1)]
+    lines = [
+        np.stack([robot.x, robot.y], axis=-1),
+        *(np.stack([walkers.x[:, i], walkers.y[:, i]], axis=-1) for i in episode.present),
+    ]
     lines += [np.array([*chain, chain[0]]) for chain in scene.chains]
     ink = np.concatenate([along(to_pixels(line)) for line in lines])
     groups = [(t, list(group)) for t, group in itertools.groupby(utterances(episode), key=lambda said: said.t)]

@@ -1,5 +1,6 @@
 """What is said in a recorded episode, and how it ends, in plain words: the fixed sentences of captions."""
 
+import pathlib
 from typing import NamedTuple
 
 import numpy as np
@@ -59,9 +60,9 @@ def captions(episode, t, hearing=True):
     speaker: "robot", "pedestrian", or "" for a remark about an encounter in which nothing has been said.
     """
     encounters = episode.states.encounters
-    count = encounters.request.shape[1]
+    count = len(episode.present)
     spoken, chats, remarks = [], [], []
-    for i in range(count):
+    for i in episode.present:
         name = "Pedestrian" if count == 1 else f"Pedestrian {i + 1}"
         request, message, reply = (int(encounters[field][t, i]) for field in ("request", "message", "reply"))
         if request != NONE:
@@ -93,5 +94,5 @@ def ending(episode):
 
 
 def scene_title(name):
-    """ "blind_corner" -> "Blind corner"."""
-    return name.replace("_", " ").replace("-", " ").capitalize()
+    """ "narrow-laser" -> "Narrow laser", "maps/my_house.yaml" -> "My house"."""
+    return pathlib.PurePath(name).stem.replace("_", " ").replace("-", " ").capitalize()

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from .. import maps
 from ..agents.hsac import HSACConfig, Hyperparameters
 from ..errors import UserError
-from ..world import SCENES, Params, World, WorldConfig, check_params
+from ..world import SCENES, SUITES, Params, World, WorldConfig, check_params, default_params
 
 ALGORITHMS = ("hsac",)
 
@@ -21,9 +22,43 @@ class WorldSettings(WorldConfig):
     params: Params = dataclasses.field(default_factory=Params)
 
     def world(self) -> World:
-        """The `World` of these sizes."""
+        """The `World` of these sizes; a scene that is called like a file is the map that the file describes."""
         fields = dataclasses.fields(WorldConfig)
-        return World(WorldConfig(**{field.name: getattr(self, field.name) for field in fields}))
+        own = [maps.load(name, scan_range=float(self.params.scan_range)) for name in self.scenes if is_map(name)]
+        return World(WorldConfig(**{field.name: getattr(self, field.name) for field in fields}), own)
+
+    def of_scenes(self, names) -> "WorldSettings":
+        """The same with these scenes, as many people as they take, and, unless said otherwise, the people there."""
+        crowds = [SCENES[name].crowd or (1, 1) for name in names if name in SCENES]
+        pedestrians = max(self.pedestrians, *(most for _, most in crowds), 1)
+        usual, here = _people_of(self.scenes), _people_of(names)
+        params = {
+            name: here[name] if np.array_equal(value, usual[name]) else value for name, value in self.params.items()
+        }
+        return dataclasses.replace(self, scenes=tuple(names), pedestrians=pedestrians, params=Params(**params))
+
+
+def _people_of(names):
+    known = [name for name in names if name in SCENES]
+    return default_params(known) if known else Params()
+
+
+def is_map(scene):
+    """Whether the name of a scene is that of a ROS map_server file."""
+    return scene.endswith((".yaml", ".yml"))
+
+
+def scene_names(scene):
+    """The scenes that --scene stands for: those of a suite, or one. UserError: there is none of that name."""
+    suites = {"all": SUITES["parity"], "hard": SUITES["hard"], "hard-laser": SUITES["hard-laser"]}
+    if scene in suites:
+        return suites[scene]
+    if scene not in SCENES and not is_map(scene):
+        raise UserError(
+            f"scene {scene!r} is unknown: choose {', '.join(suites)}, one of {', '.join(SCENES)}, "
+            "or the yaml file of a map"
+        )
+    return (scene,)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +103,8 @@ class RunConfig:
     Attributes:
         preset: quick (CPU minutes) or lidar (longer, best quality): the defaults of all other values.
         algo: the learner; hsac.
-        scene: all, square, hallway or crosswalk: what to train and evaluate on.
+        scene: what to train and evaluate on: all (square, hallway, crosswalk), hard, hard-laser, one scene, or the yaml
+            file of a ROS map.
         seed: seed of everything random.
         out: the run's folder; runs/PRESET-SEED if not given.
         resume: go on with the run that the folder holds.
@@ -104,16 +140,15 @@ def resolve(config: RunConfig) -> RunConfig:
     """``config`` with scene and folder filled in, checked as a whole. UserError names the field and the remedy."""
     if config.algo not in ALGORITHMS:
         raise UserError(f"algo {config.algo!r} is unknown: choose from {', '.join(ALGORITHMS)}")
-    if config.scene != "all" and config.scene not in SCENES:
-        raise UserError(f"scene {config.scene!r} is unknown: choose all or one of {', '.join(SCENES)}")
+    names = scene_names(config.scene)
     if not 0 <= config.seed < 2**32:
         raise UserError(f"seed is {config.seed}: give a whole number from 0 to {2**32 - 1}")
-    world = config.world if config.scene == "all" else dataclasses.replace(config.world, scenes=(config.scene,))
+    world = config.world if config.scene == "all" or config.world.scenes == names else config.world.of_scenes(names)
     missing = {"scan", "pedestrians", "dialogue"} - set(world.observation)
     if missing:
         raise UserError(f"world.observation lacks {', '.join(sorted(missing))}: the lidar encoder needs it")
     try:
-        check_params(world.params)
+        check_params(world.params, world)
         world.world()
         check_hyperparameters(config.hyper)
     except ValueError as error:

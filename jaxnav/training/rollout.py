@@ -25,6 +25,11 @@ class Episode:
     states: State
     outcomes: Outcome
 
+    @property
+    def present(self):
+        """Indices of the pedestrians who are there."""
+        return np.flatnonzero(self.states.pedestrians.present[0])
+
 
 class EpisodeSummary(NamedTuple):
     """What an episode came to; leaves `[episodes]`."""

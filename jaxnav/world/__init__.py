@@ -1,19 +1,22 @@
 """One episode of the world: pure, differentiable, no batch axis, no networks, no files."""
 
 from .env import World, check_params
-from .scenes import SCENES
+from .scenes import SCENES, SUITES, Scene, default_params
 from .types import Action, Observation, Outcome, Params, Snapshot, State, Walls, WorldConfig
 
 __all__ = [
     "SCENES",
+    "SUITES",
     "Action",
     "Observation",
     "Outcome",
     "Params",
+    "Scene",
     "Snapshot",
     "State",
     "Walls",
     "World",
     "WorldConfig",
     "check_params",
+    "default_params",
 ]

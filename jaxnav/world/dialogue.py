@@ -15,10 +15,10 @@ _COS_45 = 0.70710678
 
 def start(pedestrian, robot):
     """The `Encounter` of a pedestrian before anything has happened."""
-    off, none, zero = jnp.bool_(False), jnp.int32(0), jnp.float32(0.0)
+    off, none, zero = jnp.bool_(False), jnp.int32(0), jnp.zeros(())
     return Encounter(
-        met=off, is_open=off, pedestrian_first=off, message=none, message_age=none, request=none, request_age=none,
-        reply=none, utterance=jnp.uint32(0), grown=none,
+        met=off, is_open=off, age=none, pedestrian_first=off, message=none, message_age=none, request=none,
+        request_age=none, reply=none, utterance=jnp.uint32(0), grown=none,
         distance=norm(pedestrian.x - robot.x, pedestrian.y - robot.y),
         x=zero, y=zero, ux=zero, uy=zero, robot_x=zero, robot_y=zero, robot_ux=zero, robot_uy=zero,
     )  # fmt: skip
@@ -57,6 +57,12 @@ def is_committed(encounter, fate):
     return encounter.is_open & encounter.pedestrian_first & (encounter.message_age >= fate.commit_delay)
 
 
+def decides_alone(encounter, fate, params):
+    """Whether a pedestrian with whom nothing is agreed has picked a side of its own and no longer avoids the robot."""
+    alone = encounter.is_open & ~encounter.pedestrian_first & (encounter.reply != AGREES)
+    return alone & (encounter.age >= fate.decide_delay) & (fate.decides < params.p_decides_late)
+
+
 def fitting_request(robot, pedestrian):
     """The request that suits the geometry: stop for crossing headings, else the side the pedestrian is on already."""
     ux, uy = _walking_direction(pedestrian)
@@ -79,16 +85,17 @@ def follows_message(encounter, robot):
     return encounter.is_open & (stops | right | left)
 
 
-def advance(encounter, fate, robot, pedestrian, walls, word, params):
+def advance(encounter, fate, robot, pedestrian, turns, walls, word, params):
     """Close or open the gate after a step; a pedestrian that is first speaks at opening.
 
-    word: a random uint32; its lower 16 bits, plus 1, become the wording of what is said (a message, or small talk).
+    turns: whether the pedestrian has just passed its way point; word: a random uint32, whose lower 16 bits, plus 1,
+    become the wording of what is said (a message, or small talk).
     """
     px, py = pedestrian.x - robot.x, pedestrian.y - robot.y
     distance = norm(px, py)
     grown = jnp.where(distance > encounter.distance, encounter.grown + 1, 0)
     stays = encounter.is_open & (grown < 2)
-    opens = ~encounter.met & _gate(px, py, pedestrian, robot, params)
+    opens = ~encounter.met & pedestrian.present & _gate(px, py, pedestrian, robot, params)
 
     ux, uy = _walking_direction(pedestrian)
     robot_ux, robot_uy = unit(robot.goal_x - robot.x, robot.goal_y - robot.y)
@@ -103,12 +110,13 @@ def advance(encounter, fate, robot, pedestrian, walls, word, params):
     held = jnp.where(message != NONE, encounter.utterance, 0)
     utterance = jnp.where(speaks | (chats & (message == NONE)), (word & 0xFFFF) + 1, held)
 
-    def freeze(now, before):
-        return jnp.where(opens, now, before)
+    def freeze(now, before, anew=False):
+        return jnp.where(opens | anew, now, before)
 
     return encounter.replace(
         met=encounter.met | opens,
         is_open=stays | opens,
+        age=jnp.where(stays, encounter.age + 1, 0),
         pedestrian_first=first & (stays | opens),
         message=message,
         message_age=jnp.where(stays & (message != NONE), encounter.message_age + 1, 0),
@@ -118,10 +126,10 @@ def advance(encounter, fate, robot, pedestrian, walls, word, params):
         utterance=utterance,
         distance=distance,
         grown=jnp.where(opens, 0, grown),
-        x=freeze(pedestrian.x, encounter.x),
-        y=freeze(pedestrian.y, encounter.y),
-        ux=freeze(ux, encounter.ux),
-        uy=freeze(uy, encounter.uy),
+        x=freeze(pedestrian.x, encounter.x, turns),
+        y=freeze(pedestrian.y, encounter.y, turns),
+        ux=freeze(ux, encounter.ux, turns),
+        uy=freeze(uy, encounter.uy, turns),
         robot_x=freeze(robot.x, encounter.robot_x),
         robot_y=freeze(robot.y, encounter.robot_y),
         robot_ux=freeze(robot_ux, encounter.robot_ux),
@@ -141,8 +149,9 @@ def _gate(px, py, pedestrian, robot, params):
 
 
 def _walking_direction(pedestrian):
-    """Unit vector toward the pedestrian's goal: it has one even while standing."""
-    return unit(pedestrian.goal_x - pedestrian.x, pedestrian.goal_y - pedestrian.y)
+    """Unit vector toward where the pedestrian walks to: it has one even while standing."""
+    x, y = pedestrian.target()
+    return unit(x - pedestrian.x, y - pedestrian.y)
 
 
 def _is_crossing(robot, ux, uy):
@@ -153,7 +162,8 @@ def _is_crossing(robot, ux, uy):
 def _message(fate, robot, pedestrian, ux, uy, walls, params):
     """What the pedestrian announces: stop when crossing, else its wider side; another one in a share of the cases."""
     beams = jnp.zeros(2), jnp.array([1.0, -1.0])  # straight left and right
-    free_left, free_right = raycast(pedestrian.x, pedestrian.y, ux, uy, walls, beams, params.scan_range)
+    x, y = pedestrian.x, pedestrian.y
+    free_left, free_right = raycast(x, y, ux, uy, walls.near(x, y), beams, params.scan_range)
     side = jnp.where(free_right >= free_left, RIGHT, LEFT)
     usual = jnp.where(_is_crossing(robot, ux, uy), STOP, side)
     # One draw decides on the exception and, where there is one, which of the other two messages it is.

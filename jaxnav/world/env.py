@@ -1,15 +1,16 @@
 """The world: reset, step and observe one episode. The only file that knows all the others."""
 
 import itertools
+from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import dialogue, pedestrian, reward, scenes, sensing
-from .geometry import closest_approach, norm, time_to_disc, to_frame, unit
+from . import delays, dialogue, pedestrian, placement, reward, scenes, sensing
+from .geometry import closest_approach, norm, time_to_disc, to_frame
 from .robot import arc, twist_from_action
-from .types import NONE, Fate, Outcome, Params, Pedestrian, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+from .types import NONE, Fate, Outcome, Params, Robot, SeenPedestrian, Snapshot, State, WorldConfig
 from .walls import pad_walls, time_to_walls, walls_from_chains
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
@@ -21,11 +22,22 @@ _AT_LEAST_ZERO = (
     "passing_clearance", "safe_distance", "comfort_distance",
 )  # fmt: skip
 _POSITIVE = ("dt", "max_v", "robot_radius", "max_steps", "scan_range", "time_horizon", "time_horizon_walls")
-_PROBABILITIES = ("scan_dropout", "p_pedestrian_first", "compliance", "message_exceptions", "small_talk")
+_LATENCIES = (("scan_latency", "scan_delay"), ("control_latency", "control_delay"))
+_PROBABILITIES = (
+    "scan_dropout",
+    "p_pedestrian_first",
+    "compliance",
+    "message_exceptions",
+    "small_talk",
+    "p_decides_late",
+)
 
 
-def check_params(params):
-    """Raise ValueError naming the first field that is not finite or out of its range; traced values pass."""
+def check_params(params, config=WorldConfig()):
+    """Raise ValueError naming the first field that is not finite or out of its range in a world of that config.
+
+    Traced values pass.
+    """
     for name, value in params.items():
         if isinstance(value, jax.core.Tracer):
             continue
@@ -38,12 +50,17 @@ def check_params(params):
             raise ValueError(f"world.params.{name} is {value}: give a number of at least 0")
         if name in _PROBABILITIES and np.any((value < 0) | (value > 1)):
             raise ValueError(f"world.params.{name} is {value}: give a probability, 0 to 1")
+    for name, longest in _LATENCIES:
+        value, most = params[name], getattr(config, longest)
+        if not isinstance(value, jax.core.Tracer) and not np.all(np.isin(value, range(most + 1))):
+            remedy = f"a whole number of steps from 0 to world.{longest}, which is {most}"
+            raise ValueError(f"world.params.{name} is {value}: give {remedy}")
     _check_order(params, "preferred_speed", "max_speed")
     for name in ("robot_radius", "body_radius"):
         value = params[name]
-        if not isinstance(value, jax.core.Tracer) and np.any(np.asarray(value) >= scenes.CLEARANCE):
+        if not isinstance(value, jax.core.Tracer) and np.any(np.asarray(value) >= placement.CLEARANCE):
             raise ValueError(
-                f"world.params.{name} is {value}: give less than {scenes.CLEARANCE}, the gap from starts to walls"
+                f"world.params.{name} is {value}: give less than {placement.CLEARANCE}, the gap from starts to walls"
             )
 
 
@@ -57,54 +74,82 @@ class World:
     """A differentiable 2D world with one robot and P pedestrians who talk with it.
 
     Every method is a pure function of one episode: ``jit`` and ``vmap`` as you like. ``step`` does not reset.
-    ValueError: an unknown scene, or more pedestrians than one of the scenes holds.
+    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`. ValueError: an unknown scene, or more
+    pedestrians than one of the scenes holds.
     """
 
-    def __init__(self, config: WorldConfig = WorldConfig()):
+    def __init__(self, config: WorldConfig = WorldConfig(), own_scenes: Iterable[scenes.Scene] = ()):
         self.config = config
-        self.scenes = tuple(scenes.get(name) for name in config.scenes)
+        own = {scene.name: scene for scene in own_scenes}
+        self.scenes = tuple(own[name] if name in own else scenes.get(name) for name in config.scenes)
         for scene in self.scenes:
-            if config.pedestrians > scene.capacity:
+            least, most = scene.crowd or (1, config.pedestrians)
+            if most > scene.capacity:
+                raise ValueError(f"world.pedestrians is {most}: scene {scene.name} holds at most {scene.capacity}")
+            if config.pedestrians < least:
                 raise ValueError(
-                    f"world.pedestrians is {config.pedestrians}: scene {scene.name} holds at most {scene.capacity}"
+                    f"world.pedestrians is {config.pedestrians}: scene {scene.name} needs at least {least}"
                 )
         self._wall_table = pad_walls([walls_from_chains(scene.chains) for scene in self.scenes])
-        self._floor_table = scenes.floor_table(self.scenes)
+        # Only a floor plan of its own looks walls up by cell; beside other scenes it tests all of them.
+        self._cells = self.scenes[0].cells if len(self.scenes) == 1 else None
+        if self._cells is not None:
+            # Counted with those that aren't solid, as `Walls` counts.
+            number = np.append(np.flatnonzero(self._wall_table.solid[0]), -1).astype(np.int32)
+            self._cells = self._cells.replace(walls=number[self._cells.walls])
+        self._floor_table = placement.floor_table(self.scenes)
+        # None where every scene gives all pedestrians: then nothing is asked about sight.
+        sight = np.array([scenes.SIGHTS.index(scene.sight) for scene in self.scenes])
+        self._sight = sight if sight.any() else None
 
     def walls(self, scene):
         """`Walls` of the scene with that index."""
-        return _row(self._wall_table, scene)
+        if len(self.scenes) > 1:
+            return _row(self._wall_table, scene)
+        # One scene is a constant: nothing is looked up.
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), self._wall_table).replace(cells=self._cells)
 
     def reset(self, key, params: Params, scene=None) -> State:
         """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
-        check_params(params)
+        check_params(params, self.config)
+        self._check_range(params.scan_range)
         key_place, key_fate, key_words = jax.random.split(key, 3)
         bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
         choice, seed, words = bits[0], bits[1], bits[2:]
         if scene is None:
             scene = (choice % len(self.scenes)).astype(jnp.int32)
         walls, floors = self.walls(scene), _row(self._floor_table, scene)
-        (x, y, heading, goal_x, goal_y), (px, py, pedestrian_goal_x, pedestrian_goal_y) = scenes.place(
+        (x, y, heading, goal_x, goal_y), pedestrians = placement.place(
             key_place, self.scenes, scene, walls, floors, self.config.pedestrians, params
         )
-        zero = jnp.float32(0.0)
+        zero = jnp.zeros(())
         robot = Robot(
             x=x, y=y, heading=heading, v=zero, w=zero, goal_x=goal_x, goal_y=goal_y, start_heading=heading,
             past=jnp.zeros((2, 3)),
         )  # fmt: skip
-        ux, uy = unit(pedestrian_goal_x - px, pedestrian_goal_y - py)
-        pedestrians = Pedestrian(
-            x=px, y=py, vx=params.preferred_speed * ux, vy=params.preferred_speed * uy,
-            goal_x=pedestrian_goal_x, goal_y=pedestrian_goal_y,
-        )  # fmt: skip
         fates = _draw_fates(key_fate, self.config.pedestrians)
         encounters = jax.vmap(dialogue.start, in_axes=(0, None))(pedestrians, robot)
-        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words, params)
-        distance = norm(px - x, py - y) - params.robot_radius - params.body_radius
-        return State(
+        turns = jnp.zeros(self.config.pedestrians, bool)
+        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, turns, walls, words, params)
+        distance = norm(pedestrians.x - x, pedestrians.y - y) - params.robot_radius - params.body_radius
+        distance = jnp.where(pedestrians.present, distance, jnp.inf)
+        state = State(
             t=jnp.int32(0), scene=jnp.int32(scene), seed=seed, robot=robot, pedestrians=pedestrians, fates=fates,
             encounters=encounters, min_distance=jnp.min(distance),
         )  # fmt: skip
+        return state.replace(
+            past_views=delays.start(sensing.view(self.snapshot(state)), self.config.scan_delay),
+            past_twists=delays.start(jnp.array([-1.0, 0.0]), self.config.control_delay),  # the robot stands
+        )
+
+    def _check_range(self, scan_range):
+        if self._cells is None or isinstance(scan_range, jax.core.Tracer):
+            return
+        if np.any(np.asarray(scan_range) > self._cells.scan_range):
+            raise ValueError(
+                f"world.params.scan_range is {scan_range}: scene {self.scenes[0].name} was loaded for up to "
+                f"{self._cells.scan_range} m; load it for a longer one"
+            )
 
     def step(self, key, state: State, action, params: Params) -> tuple[State, Outcome]:
         """One control period of ``dt``: talk, walk, drive, touch, and see who speaks next. ``key`` draws the words."""
@@ -117,7 +162,8 @@ class World:
         fits = jnp.any((asked != NONE) & (asked == fits))
 
         pedestrians = pedestrian.walk(state.pedestrians, encounters, fates, before, walls, self.config, params)
-        robot, path = self._drive(before, action, params)
+        twist = delays.recall(state.past_twists, action.twist, params.control_latency)
+        robot, path = self._drive(before, twist, params)
         arrived, collided, hit_pedestrian, distance = self._contacts(
             path, robot, state.pedestrians, pedestrians, walls, params
         )
@@ -133,7 +179,8 @@ class World:
 
         words = jax.random.bits(key, (self.config.pedestrians,), jnp.uint32)
         replies = encounters.reply
-        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, walls, words, params)
+        turns = pedestrians.turned & ~state.pedestrians.turned
+        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, turns, walls, words, params)
         t = state.t + 1
         terminated = arrived | collided
         outcome = Outcome(
@@ -142,7 +189,11 @@ class World:
             hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), reply=jnp.max(replies),
             pedestrian_distance=distance, goal_distance=goal_distance,
         )  # fmt: skip
-        new = state.replace(t=t, robot=robot, pedestrians=pedestrians, encounters=encounters, min_distance=min_distance)
+        new = state.replace(
+            t=t, robot=robot, pedestrians=pedestrians, encounters=encounters, min_distance=min_distance,
+            past_views=delays.push(state.past_views, sensing.view(self.snapshot(state))),
+            past_twists=delays.push(state.past_twists, action.twist),
+        )  # fmt: skip
         return new, outcome
 
     def observe(self, state: State, params: Params):
@@ -158,24 +209,26 @@ class World:
             x=robot.x, y=robot.y, heading=robot.heading, v=robot.v, w=robot.w, goal_x=robot.goal_x,
             goal_y=robot.goal_y, turned=robot.start_heading - robot.heading, past=robot.past,
             pedestrians=SeenPedestrian(
-                **{name: getattr(state.pedestrians, name) for name in ("x", "y", "vx", "vy")},
+                **{name: getattr(state.pedestrians, name) for name in ("present", "x", "y", "vx", "vy")},
                 **{name: jnp.minimum(encounters[name], 255).astype(jnp.uint8) for name in small},
                 **{name: encounters[name] for name in ("is_open", "pedestrian_first", "utterance")},
             ),
+            past_views=state.past_views,
         )  # fmt: skip
 
     def render(self, snapshot: Snapshot, params: Params):
         """`Observation` of a snapshot: the same, bit for bit, as at the time of acting."""
-        return sensing.render(snapshot, self.walls(snapshot.scene), self.config, params)
+        sight = None if self._sight is None else jnp.asarray(self._sight)[snapshot.scene]
+        return sensing.render(snapshot, self.walls(snapshot.scene), sight, self.config, params)
 
-    def _advance_encounters(self, encounters, fates, robot, pedestrians, walls, words, params):
-        return jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, None, 0, None))(
-            encounters, fates, robot, pedestrians, walls, words, params
+    def _advance_encounters(self, encounters, fates, robot, pedestrians, turns, walls, words, params):
+        return jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, 0, None, 0, None))(
+            encounters, fates, robot, pedestrians, turns, walls, words, params
         )
 
-    def _drive(self, robot, action, params):
+    def _drive(self, robot, twist, params):
         """The robot after the step, and the points of its path, start included."""
-        v, w = twist_from_action(action.twist, params)
+        v, w = twist_from_action(twist, params)
         poses = [arc(robot.x, robot.y, robot.heading, v, w, params.dt * (i + 1) / _CHORDS) for i in range(_CHORDS)]
         goal = to_frame(robot.goal_x - robot.x, robot.goal_y - robot.y, jnp.cos(robot.heading), jnp.sin(robot.heading))
         now = jnp.stack([*goal, robot.start_heading - robot.heading])
@@ -186,7 +239,7 @@ class World:
     def _contacts(self, path, robot, walked_from, walked_to, walls, params):
         """(arrived, collided, hit_pedestrian, surface distance to the nearest pedestrian); the earliest event wins."""
         radius = params.robot_radius + params.body_radius
-        arrival = wall_hit = pedestrian_hit = distance = jnp.float32(jnp.inf)
+        arrival = wall_hit = pedestrian_hit = distance = jnp.asarray(jnp.inf)
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             to_goal = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, x1 - x0, y1 - y0, params.goal_tolerance)
             arrival = jnp.minimum(arrival, i + to_goal)
@@ -196,15 +249,17 @@ class World:
         chords = len(path) - 1
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             ex, ey = x1 - x0, y1 - y0
-            wall_time = time_to_walls(x0, y0, ex, ey, walls, params.robot_radius)
+            wall_time = time_to_walls(x0, y0, ex, ey, walls.near(x0, y0), params.robot_radius)
             wall_hit = jnp.minimum(wall_hit, begin + i + wall_time)
             walk_x, walk_y = (walked_to.x - walked_from.x) / chords, (walked_to.y - walked_from.y) / chords
             rx, ry = x0 - walked_from.x - i * walk_x, y0 - walked_from.y - i * walk_y
             rex, rey = ex - walk_x, ey - walk_y
-            pedestrian_time = jnp.min(time_to_disc(rx, ry, rex, rey, radius))
+            pedestrian_time = time_to_disc(rx, ry, rex, rey, radius)
+            pedestrian_time = jnp.min(jnp.where(walked_to.present, pedestrian_time, jnp.inf))
             pedestrian_hit = jnp.minimum(pedestrian_hit, begin + i + pedestrian_time)
             t = closest_approach(rx, ry, rex, rey)
-            distance = jnp.minimum(distance, jnp.min(norm(rx + t * rex, ry + t * rey)) - radius)
+            gap = jnp.where(walked_to.present, norm(rx + t * rex, ry + t * rey) - radius, jnp.inf)
+            distance = jnp.minimum(distance, jnp.min(gap))
         collision = jnp.minimum(wall_hit, pedestrian_hit)
         collided = (collision < jnp.inf) & (collision <= arrival)
         hit_pedestrian = collided & (pedestrian_hit <= wall_hit)
@@ -217,8 +272,9 @@ def _row(table, scene):
 
 
 def _draw_fates(key, pedestrians):
-    uniform = jax.random.uniform(key, (5, pedestrians))
+    uniform = jax.random.uniform(key, (8, pedestrians))
     return Fate(
-        first=uniform[0], message=uniform[1], compliance=uniform[2],
-        reply_delay=(3 * uniform[3]).astype(jnp.int32), commit_delay=2 + (3 * uniform[4]).astype(jnp.int32),
+        first=uniform[0], message=uniform[1], compliance=uniform[2], decides=uniform[3], side=uniform[4],
+        reply_delay=(3 * uniform[5]).astype(jnp.int32), commit_delay=2 + (3 * uniform[6]).astype(jnp.int32),
+        decide_delay=1 + (4 * uniform[7]).astype(jnp.int32),
     )  # fmt: skip

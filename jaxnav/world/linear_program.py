@@ -76,7 +76,9 @@ def _select(condition, a, b):
 def _chord(line, max_speed):
     """(low, high, exists): the part of a line on which speed is at most ``max_speed``."""
     projection = line.x * line.dx + line.y * line.dy
-    discriminant = projection * projection + max_speed * max_speed - line.x * line.x - line.y * line.y
+    # By the line's distance: the difference of squares in RVO2 loses the digits of a line given by a far point.
+    distance = cross2d(line.x, line.y, line.dx, line.dy)
+    discriminant = max_speed * max_speed - distance * distance
     half = safe_sqrt(discriminant)
     return -projection - half, -projection + half, discriminant >= 0
 
@@ -211,8 +213,8 @@ def _nearest_program(planes, start, target_x, target_y, max_speed, direction_onl
     low, high, _ = _chord(line, max_speed)
     t, lowers, raises, _ = _cuts(stacked, line_number - 1, line)
     lowered, raised = jnp.where(lowers, t, jnp.inf), jnp.where(raises, t, -jnp.inf)
-    by_high = jnp.where(jnp.min(lowered, axis=0) < high, _BOUNDS + jnp.argmin(lowered, axis=0), _HIGH)
-    by_low = jnp.where(jnp.max(raised, axis=0) > low, _BOUNDS + jnp.argmax(raised, axis=0), _LOW)
+    by_high = jnp.where(jnp.min(lowered, axis=0) < high, _BOUNDS + jax.lax.argmin(lowered, 0, jnp.int32), _HIGH)
+    by_low = jnp.where(jnp.max(raised, axis=0) > low, _BOUNDS + jax.lax.argmax(raised, 0, jnp.int32), _LOW)
     bound = jnp.where(end == _HIGH, by_high, jnp.where(end == _LOW, by_low, _FREE))
     return failed_at, line_number * (count + _BOUNDS) + bound
 

@@ -1,29 +1,19 @@
 """Scenes: walls, and where an episode's robot and pedestrians start and go (docs/world.md section 2).
 
-A scene draws candidates of a placement from uniform numbers; `place` takes the first that keeps its distances, so a
-reset has a fixed cost. A new scene is one more `Scene` in `SCENES`.
+A scene draws candidates from uniform numbers; `jaxnav.world.placement` takes one. A new scene is one more `Scene`
+in `SCENES`.
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-import chex
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from .geometry import norm
-from .walls import wall_clearance
-
-CLEARANCE = 0.3  # from starts and goals to walls
-ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
-PEDESTRIAN_GAP = 0.6  # between pedestrians at the start
-_CANDIDATES = 32
-_DRAWS = 12
+from .types import Params, WallCells
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Scene:
     """One scene.
 
@@ -31,6 +21,12 @@ class Scene:
     floors:    rectangles (x0, y0, x1, y1) of free space, in which further pedestrians stroll.
     capacity:  the most pedestrians that still find a place.
     meet:      (12 arrays of uniform numbers in [0, 1), robot speed, pedestrian speed) -> `Meeting` of such arrays.
+    stroll:    (5 arrays of uniform numbers) -> where further pedestrians start and go: `Route`; None: along a floor.
+    crowd:     (fewest, most) pedestrians, drawn for each episode; None: as many as the world holds.
+    sight:     which pedestrians are given to the robot: one of `SIGHTS`.
+    passage:   (x, y) through which every way from start to goal leads, a door or a corner; None: the way is straight.
+    cells:     which walls count where, for a floor plan of very many; None: all count everywhere.
+    params:    fields of `Params` in which the people of this scene differ, by name.
     """
 
     name: str
@@ -38,10 +34,19 @@ class Scene:
     floors: tuple[tuple[float, float, float, float], ...]
     capacity: int
     meet: Callable
+    stroll: Callable | None = None
+    crowd: tuple[int, int] | None = None
+    sight: str = "all"
+    passage: tuple[float, float] | None = None
+    cells: WallCells | None = None
+    params: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
-# (robot x, y, goal x, y), (pedestrian x, y, goal x, y)
-Meeting = tuple[tuple, tuple]
+# Given: every pedestrian; those whom no wall hides; nobody, so that the robot has to read them from its scan.
+SIGHTS = ("all", "line", "none")
+
+Route = tuple  # x, y, way point x, y, goal x, y; a way point on the goal is none
+Meeting = tuple[tuple, Route]  # (robot x, y, goal x, y), the pedestrian's route
 
 
 def _centred(u, half_width):
@@ -66,7 +71,7 @@ def _meet_square(u, robot_speed, speed):
     hx, hy = jnp.cos(heading), jnp.sin(heading)
     ox, oy = _centred(u[6], 0.4), _centred(u[7], 0.4)
     px, py = mx - speed * time * hx + ox, my - speed * time * hy + oy
-    return (x, y, x + length * ux, y + length * uy), (px, py, mx + 3.0 * hx + ox, my + 3.0 * hy + oy)
+    return (x, y, x + length * ux, y + length * uy), straight(px, py, mx + 3.0 * hx + ox, my + 3.0 * hy + oy)
 
 
 def _meet_hallway(u, robot_speed, speed):
@@ -74,7 +79,7 @@ def _meet_hallway(u, robot_speed, speed):
     del robot_speed, speed
     side = _sign(u[0])
     y = [_centred(u[i], 0.4) for i in range(1, 5)]
-    return (-4.0 * side, y[0], 3.0 * side, y[1]), ((3.0 + 1.2 * u[5]) * side, y[2], -4.6 * side, y[3])
+    return (-4.0 * side, y[0], 3.0 * side, y[1]), straight((3.0 + 1.2 * u[5]) * side, y[2], -4.6 * side, y[3])
 
 
 def _meet_crosswalk(u, robot_speed, speed):
@@ -82,11 +87,80 @@ def _meet_crosswalk(u, robot_speed, speed):
     side, other = _sign(u[0]), _sign(u[1])
     a = [_centred(u[i], 0.4) for i in range(2, 6)]
     start = jnp.minimum(4.2 * speed / robot_speed + _centred(u[6], 0.5), 4.6)
-    return (-4.2 * side, a[0], 3.8 * side, a[1]), (a[2], start * other, a[3], -4.6 * other)
+    return (-4.2 * side, a[0], 3.8 * side, a[1]), straight(a[2], start * other, a[3], -4.6 * other)
+
+
+def straight(x, y, goal_x, goal_y):
+    """`Route` without a way point."""
+    return x, y, goal_x, goal_y, goal_x, goal_y
+
+
+def _meet_narrow(u, robot_speed, speed):
+    """From opposite ends of a corridor in which two just pass each other."""
+    del robot_speed, speed
+    side = _sign(u[0])
+    y = [_centred(u[i], 0.25) for i in range(1, 5)]
+    return ((-4.6 + u[5]) * side, y[0], 3.6 * side, y[1]), straight((4.4 + 1.2 * u[6]) * side, y[2], -5.4 * side, y[3])
+
+
+def _meet_doorway(u, robot_speed, speed):
+    """From both sides of a door, timed to be there together."""
+    side = _sign(u[0])
+    y = [_centred(u[i], 0.4) for i in range(1, 5)]
+    away = 2.4 + 0.8 * u[5]
+    start = jnp.minimum(away * speed / robot_speed + _centred(u[6], 0.8), 5.4)
+    return (-away * side, y[0], 3.0 * side, y[1]), (start * side, y[2], -0.3 * side, 0.0 * y[0], -5.2 * side, y[3])
+
+
+def _meet_corner(u, robot_speed, speed):
+    """Around a corner, behind which neither sees the other; either one may come along either arm."""
+    a = [_centred(u[i], 0.25) for i in range(1, 5)]
+    away = 2.4 + 0.8 * u[5]
+    start = jnp.minimum(away * speed / robot_speed + _centred(u[6], 0.8), 5.4)
+    zero = 0.0 * a[0]
+    robot, walker = (-away, a[0], a[1], 3.4), (a[2], start, zero, zero, -5.4, a[3])
+    # Mirrored at y = -x the arms change places.
+    mirrored = (-robot[1], -robot[0], -robot[3], -robot[2]), (
+        -walker[1], -walker[0], zero, zero, -walker[5], -walker[4],
+    )  # fmt: skip
+    flip = u[0] < 0.5
+    return jax.tree.map(lambda one, other: jnp.where(flip, one, other), mirrored, (robot, walker))
+
+
+def _meet_crossflow(u, robot_speed, speed):
+    """Across a hall in which people walk to and fro at right angles; the first of them is timed to meet the robot."""
+    side, walks = _sign(u[0]), _sign(u[1])
+    y = [_centred(u[i], 0.8) for i in (2, 3)]
+    fraction = 0.3 + 0.5 * u[4]
+    x = (-4.4 + 8.4 * fraction) * side
+    # On its way there, or on its way back: it walks faster than the robot.
+    length = 3.4 + speed * (8.4 * fraction / robot_speed) + _centred(u[5], 0.4)
+    start = (length % 6.8) - 3.4
+    return (-4.4 * side, y[0], 4.0 * side, y[1]), (x, walks * start, x, -3.4 * walks, x, 3.4 * walks)
+
+
+def _stroll_crossflow(u):
+    walks = _sign(u[1])
+    x = -3.2 + 6.2 * u[0]
+    return x, _centred(u[2], 3.4), x, -3.4 * walks, x, 3.4 * walks
 
 
 def _rectangle(half_x, half_y):
     return ((-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y))
+
+
+def _door(half_length, half_width, half_door, half_wall):
+    """Two rooms and the door between them, one chain around both."""
+    a, b, c, d = half_length, half_width, half_door, half_wall
+    return (
+        (-a, -b), (-d, -b), (-d, -c), (d, -c), (d, -b), (a, -b), (a, b), (d, b), (d, c), (-d, c), (-d, b), (-a, b),
+    )  # fmt: skip
+
+
+def _corner(length, half_width):
+    """Two arms at right angles: one to the left, one upward, their centre lines through the origin."""
+    a, b = length, half_width
+    return ((-a, -b), (b, -b), (b, a), (-b, a), (-b, b), (-a, b))
 
 
 def _cross(half_length, half_width):
@@ -94,14 +168,58 @@ def _cross(half_length, half_width):
     return ((-b, -a), (-a, -a), (-a, -b), (a, -b), (a, -a), (b, -a), (b, a), (a, a), (a, b), (-a, b), (-a, a), (-b, a))
 
 
+# People who are faster than the robot, wider, patient when they wait, and who pick a side late if nothing was agreed.
+_HURRIED = {
+    "preferred_speed": 1.2, "max_speed": 1.2, "body_radius": 0.2, "p_decides_late": 1.0, "obey_steps": 40.0,
+    "neighbor_distance": 1.5, "passing_clearance": 0.3, "message_exceptions": 0.5,
+}  # fmt: skip
+
+
+def _hard(name, chain, floors, meet, crowd=(1, 1), **others):
+    """A scene of the hard suite, and its twin in which nobody is given."""
+    scene = Scene(name, (chain,), floors, 16, meet, crowd=crowd, params=_HURRIED, **others)
+    return scene, dataclasses.replace(scene, name=f"{name}-laser", sight="none")
+
+
+_HARD = (
+    *_hard("narrow", _rectangle(6.0, 0.9), ((-6.0, -0.9, 6.0, 0.9),), _meet_narrow),
+    *_hard("doorway", _door(6.0, 1.2, 0.45, 0.1), ((-6.0, -1.2, 6.0, 1.2),), _meet_doorway, passage=(0.0, 0.0)),
+    *_hard(
+        "corner", _corner(6.0, 0.9), ((-6.0, -0.9, 0.9, 0.9), (-0.9, -0.9, 0.9, 6.0)), _meet_corner, sight="line",
+        passage=(0.0, 0.0),
+    ),
+    *_hard(
+        "crossflow", _rectangle(5.0, 4.0), ((-5.0, -4.0, 5.0, 4.0),), _meet_crossflow, crowd=(4, 8),
+        stroll=_stroll_crossflow,
+    ),
+)  # fmt: skip
+
 SCENES = {
     scene.name: scene
     for scene in (
         Scene("square", (_rectangle(5.0, 5.0),), ((-5.0, -5.0, 5.0, 5.0),), 64, _meet_square),
         Scene("hallway", (_rectangle(5.0, 1.6),), ((-5.0, -1.6, 5.0, 1.6),), 16, _meet_hallway),
         Scene("crosswalk", (_cross(5.0, 1.3),), ((-5.0, -1.3, 5.0, 1.3), (-1.3, -5.0, 1.3, 5.0)), 24, _meet_crosswalk),
+        *_HARD,
     )
 }
+SUITES = {
+    "parity": ("square", "hallway", "crosswalk"),
+    "hard": tuple(scene.name for scene in _HARD if scene.sight != "none"),
+    "hard-laser": tuple(scene.name for scene in _HARD if scene.sight == "none"),
+}
+
+
+def default_params(names):
+    """`Params` of the people in the scenes of these names; ValueError where they are not the same people."""
+    first, *others = [get(name) for name in names]
+    for other in others:
+        if dict(other.params) != dict(first.params):
+            raise ValueError(
+                f"world.scenes mixes {first.name} and {other.name}, whose people differ (speed, size, habits): "
+                f"choose scenes of one suite ({'; '.join(' '.join(suite) for suite in SUITES.values())})"
+            )
+    return Params(**first.params)
 
 
 def get(name):
@@ -109,82 +227,3 @@ def get(name):
     if name not in SCENES:
         raise ValueError(f"scene {name!r} is unknown: choose from {', '.join(SCENES)}")
     return SCENES[name]
-
-
-@chex.dataclass(frozen=True)
-class Floors:
-    """Rectangles of free space: sides x0, y0, x1, y1 `[4, F]`, of which the first ``count`` are not padding."""
-
-    sides: jax.Array
-    count: jax.Array
-
-
-def floor_table(scenes):
-    """`Floors` of several scenes, numpy, padded to one size with the last floor: leaves `[scenes, ...]`."""
-    size = max(len(scene.floors) for scene in scenes)
-    sides = [np.pad(np.array(scene.floors).T, ((0, 0), (0, size - len(scene.floors))), mode="edge") for scene in scenes]
-    return Floors(sides=np.stack(sides).astype(np.float32), count=np.array([len(scene.floors) for scene in scenes]))
-
-
-def place(key, scenes, scene, walls, floors, pedestrians, params):
-    """Start of an episode: ((robot x, y, heading, goal x, goal y), (x, y, goal x, goal y) of pedestrians `[P]`).
-
-    scene: index into ``scenes``; walls, floors: of that scene. The first pedestrian meets the robot; further ones
-    stroll along a floor.
-    """
-    key_meet, key_stroll = (key, None) if pedestrians == 1 else jax.random.split(key)
-
-    def candidates(numbers, kind):
-        robot, first = kind.meet(numbers, params.max_v, params.preferred_speed)
-        return jnp.stack(robot), jnp.stack(first)
-
-    # A last row turns the robot: 31 numbers too many cost less than one draw more.
-    *numbers, turns = jax.random.uniform(key_meet, (_DRAWS + 1, _CANDIDATES))
-    # Only the candidates differ from scene to scene: what follows is compiled once, not once a scene.
-    robots, firsts = jax.lax.switch(scene, [functools.partial(candidates, kind=kind) for kind in scenes], numbers)
-    x, y = (jnp.concatenate([robots[i], robots[i + 2], firsts[i], firsts[i + 2]]) for i in (0, 1))
-    clear = jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, floors)).reshape(4, _CANDIDATES)
-    apart = norm(robots[0] - firsts[0], robots[1] - firsts[1])
-    # Metres by which a candidate falls short; the first that doesn't is taken.
-    short = jnp.maximum(CLEARANCE - jnp.min(clear, axis=0), ROBOT_GAP - apart)
-    chosen = jnp.argmin(jnp.maximum(short, 0.0))
-    x, y, goal_x, goal_y = robots[:, chosen]
-    heading = jnp.arctan2(goal_y - y, goal_x - x) + _centred(turns[0], 0.3)
-    first = firsts[:, chosen]
-    if pedestrians == 1:
-        return (x, y, heading, goal_x, goal_y), tuple(first[:, None])
-    others = _strollers(key_stroll, floors, pedestrians - 1, x, y, first)
-    return (x, y, heading, goal_x, goal_y), tuple(jnp.concatenate([first[:, None], others], axis=1))
-
-
-def _floor_depth(x, y, floors):
-    """Minus the distance to the nearest floor, inf on one: how far in is for the walls to say."""
-
-    def depth_in(x0, y0, x1, y1):
-        return jnp.minimum(jnp.minimum(x - x0, x1 - x), jnp.minimum(y - y0, y1 - y))
-
-    depth = jnp.max(jax.vmap(depth_in)(*floors.sides), axis=0)
-    return jnp.where(depth < 0, depth, jnp.inf)
-
-
-def _strollers(key, floors, count, robot_x, robot_y, first):
-    """`[4, count]` starts and goals on random floors, each clear of the robot and of those placed before."""
-
-    def one(placed, index_and_key):
-        index, key = index_and_key
-        key_floor, key_point = jax.random.split(key)
-        floor = jax.random.randint(key_floor, (4 * _CANDIDATES,), 0, floors.count)
-        u = jax.random.uniform(key_point, (4, 4 * _CANDIDATES))
-        low_x, low_y, high_x, high_y = floors.sides[:, floor]
-        pad = CLEARANCE
-        x, goal_x = (low_x + pad + u[i] * (high_x - low_x - 2 * pad) for i in (0, 2))
-        y, goal_y = (low_y + pad + u[i] * (high_y - low_y - 2 * pad) for i in (1, 3))
-        gap = norm(x[:, None] - placed[0][None], y[:, None] - placed[1][None]) - PEDESTRIAN_GAP
-        gap = jnp.where((jnp.arange(count + 1) <= index)[None], gap, jnp.inf).min(axis=1)
-        short = jnp.maximum(-gap, ROBOT_GAP - norm(x - robot_x, y - robot_y))
-        chosen = jnp.argmin(jnp.maximum(short, 0.0))
-        new = jnp.stack([x, y, goal_x, goal_y])[:, chosen]
-        return placed.at[:, index + 1].set(new), None
-
-    start = jnp.zeros((4, count + 1)).at[:, 0].set(first)
-    return jax.lax.scan(one, start, (jnp.arange(count), jax.random.split(key, count)))[0][:, 1:]

@@ -4,15 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import dialogue, lidar
-from .geometry import to_frame, unit
-from .types import NONE, Observation, ObservedDialogue
+from . import delays, dialogue, gait, lidar
+from .geometry import cross2d, to_frame
+from .scenes import SIGHTS
+from .types import NONE, Observation, ObservedDialogue, View
 
 GRID = 48
 CELL = 0.125  # metres; the map spans 6 x 6 m with the robot at its centre
 _UNKNOWN, _ROBOT = 200 / 255, 100 / 255
 _MAP_BODY_RADIUS = 0.3
-_LEG_OFFSET = 0.1  # from the middle of a pedestrian to each leg
 
 
 def _cells():
@@ -20,27 +20,29 @@ def _cells():
     return (((GRID - 1) / 2 - np.arange(GRID)) * CELL).astype(np.float32)
 
 
-def render(snapshot, walls, config, params):
-    """`Observation` of a snapshot; ``walls`` are those of its scene."""
+def render(snapshot, walls, sight, config, params):
+    """`Observation` of a snapshot; walls: those of its scene; sight: its index into `SIGHTS`, None for all."""
     cos, sin = jnp.cos(snapshot.heading), jnp.sin(snapshot.heading)
     goal = to_frame(snapshot.goal_x - snapshot.x, snapshot.goal_y - snapshot.y, cos, sin)
     seen = snapshot.pedestrians
     parts = {}
     if {"scan", "sensor_map"} & set(config.observation):
-        scan = _scan(snapshot, cos, sin, walls, config, params)
+        scan = _scan(snapshot, walls, config, params)
         if "scan" in config.observation:
             parts["scan"] = scan
         if "sensor_map" in config.observation:
             parts["sensor_map"] = sensor_map(scan, params)
     if {"pedestrians", "dialogue", "pedestrian_map"} & set(config.observation):
         order = _nearest(seen, snapshot, config)
-        listed = pedestrian_list(jax.tree.map(lambda leaf: leaf[order], seen), snapshot, cos, sin)
+        nearest = jax.tree.map(lambda leaf: leaf[order], seen)
+        in_sight = nearest.present if sight is None else nearest.present & in_sight_of(snapshot, nearest, walls, sight)
+        listed = pedestrian_list(nearest, in_sight, snapshot, cos, sin)
         if "pedestrians" in config.observation:
-            parts["pedestrians"] = listed
+            parts["pedestrians"], parts["seen"] = listed, in_sight
         if "pedestrian_map" in config.observation:
-            parts["pedestrian_map"] = pedestrian_map(listed)
+            parts["pedestrian_map"] = pedestrian_map(listed, in_sight)
         if "dialogue" in config.observation:
-            parts["dialogue"] = _dialogue(jax.tree.map(lambda leaf: leaf[order], seen), config)
+            parts["dialogue"] = _dialogue(nearest, config)
     return Observation(
         pose=jnp.concatenate([snapshot.past, jnp.stack([*goal, snapshot.turned])[None]]),
         twist=jnp.stack([snapshot.v, snapshot.w]),
@@ -49,17 +51,29 @@ def render(snapshot, walls, config, params):
     )
 
 
-def _scan(snapshot, cos, sin, walls, config, params):
+def view(snapshot):
+    """`View` of the moment of a snapshot."""
+    seen = snapshot.pedestrians
+    return View(
+        t=snapshot.t, x=snapshot.x, y=snapshot.y, heading=snapshot.heading, pedestrian_x=seen.x, pedestrian_y=seen.y,
+        pedestrian_vx=seen.vx, pedestrian_vy=seen.vy,
+    )  # fmt: skip
+
+
+def _scan(snapshot, walls, config, params):
     directions = lidar.beam_directions(config.beams)
-    x, y, seen = snapshot.x, snapshot.y, snapshot.pedestrians
-    ranges = lidar.raycast(x, y, cos, sin, walls, directions, params.scan_range)
-    for side in (-_LEG_OFFSET, _LEG_OFFSET) if config.body == "legs" else (0.0,):
-        # Across the way it walks; the legs of one who stands are together.
-        ux, uy = unit(seen.vx, seen.vy)
-        disc_x, disc_y = seen.x - side * uy, seen.y + side * ux
-        ranges = lidar.raycast_discs(ranges, x, y, cos, sin, disc_x, disc_y, params.body_radius, directions)
+    seen = delays.recall(snapshot.past_views, view(snapshot), params.scan_latency)
+    cos, sin = jnp.cos(seen.heading), jnp.sin(seen.heading)
+    ranges = lidar.raycast(seen.x, seen.y, cos, sin, walls.near(seen.x, seen.y), directions, params.scan_range)
+    # Those who are not there stand where no beam goes.
+    x = jnp.where(snapshot.pedestrians.present, seen.pedestrian_x, seen.x + 2.0 * params.scan_range)
+    discs, radius = (x, seen.pedestrian_y), params.body_radius
+    if config.body == "legs":
+        velocity = seen.pedestrian_vx, seen.pedestrian_vy
+        discs, radius = gait.legs(*discs, *velocity, seen.t, snapshot.seed, params), gait.leg_radius(params)
+    ranges = lidar.raycast_discs(ranges, seen.x, seen.y, cos, sin, *discs, radius, directions)
     if config.scan_noise:
-        key = jax.random.fold_in(jax.random.key(snapshot.seed), snapshot.t)
+        key = jax.random.fold_in(jax.random.key(snapshot.seed), seen.t)
         ranges = lidar.add_noise(key, ranges, params)
     return ranges
 
@@ -69,14 +83,34 @@ def _nearest(seen, snapshot, config):
     count = min(config.nearest, config.pedestrians)
     if config.pedestrians == 1:
         return jnp.zeros(1, jnp.int32)
-    return jax.lax.top_k(-((seen.x - snapshot.x) ** 2 + (seen.y - snapshot.y) ** 2), count)[1]
+    squared = (seen.x - snapshot.x) ** 2 + (seen.y - snapshot.y) ** 2
+    return jax.lax.top_k(-jnp.where(seen.present, squared, jnp.inf), count)[1]
 
 
-def pedestrian_list(seen, snapshot, cos, sin):
-    """`[K, 4]` x, y, vx, vy of pedestrians in the robot frame."""
-    x, y = to_frame(seen.x - snapshot.x, seen.y - snapshot.y, cos, sin)
-    vx, vy = to_frame(seen.vx, seen.vy, cos, sin)
-    return jnp.stack([x, y, vx, vy], axis=-1)
+def in_sight_of(robot, pedestrians, walls, sight):
+    """Whether pedestrians `[K]` are given to the robot: all, those whom no wall hides, or none, as `SIGHTS` says."""
+
+    def hidden(blocked, wall):
+        ax, ay, bx, by, solid = wall
+        robot_side = cross2d(bx - ax, by - ay, robot.x - ax, robot.y - ay)
+        their_side = cross2d(bx - ax, by - ay, pedestrians.x - ax, pedestrians.y - ay)
+        to_x, to_y = pedestrians.x - robot.x, pedestrians.y - robot.y
+        a_side, b_side = (
+            cross2d(to_x, to_y, ax - robot.x, ay - robot.y),
+            cross2d(to_x, to_y, bx - robot.x, by - robot.y),
+        )
+        return blocked | (solid & (robot_side * their_side < 0) & (a_side * b_side < 0)), None
+
+    segments = walls.near(robot.x, robot.y).segments()
+    blocked = jax.lax.scan(hidden, jnp.zeros(pedestrians.x.shape, bool), segments)[0]
+    return (sight == SIGHTS.index("all")) | ((sight == SIGHTS.index("line")) & ~blocked)
+
+
+def pedestrian_list(pedestrians, in_sight, snapshot, cos, sin):
+    """`[K, 4]` x, y, vx, vy of pedestrians in the robot frame, 0 where they are not in sight."""
+    x, y = to_frame(pedestrians.x - snapshot.x, pedestrians.y - snapshot.y, cos, sin)
+    vx, vy = to_frame(pedestrians.vx, pedestrians.vy, cos, sin)
+    return jnp.where(in_sight[:, None], jnp.stack([x, y, vx, vy], axis=-1), 0.0)
 
 
 def _dialogue(seen, config):
@@ -110,13 +144,13 @@ def sensor_map(scan, params):
     return jnp.where(distance <= params.robot_radius, _ROBOT, whole)
 
 
-def pedestrian_map(listed):
-    """`[3, 48, 48]` occupancy, vx, vy of the pedestrians ``listed`` `[K, 4]` within 3 m; the nearest on top."""
+def pedestrian_map(listed, in_sight):
+    """`[3, 48, 48]` occupancy, vx, vy of those ``listed`` `[K, 4]`, in sight and within 3 m; the nearest on top."""
     cells = _cells()
     channels = jnp.zeros((3, GRID, GRID))
     for k in reversed(range(listed.shape[0])):
         x, y, vx, vy = listed[k]
-        inside = (jnp.abs(x) <= 3.0) & (jnp.abs(y) <= 3.0)
+        inside = in_sight[k] & (jnp.abs(x) <= 3.0) & (jnp.abs(y) <= 3.0)
         covered = ((cells - x) ** 2)[:, None] + ((cells - y) ** 2)[None, :] <= _MAP_BODY_RADIUS**2
         disc = jnp.stack([jnp.float32(1.0), vx, vy])[:, None, None]
         channels = jnp.where(covered & inside, disc, channels)

@@ -10,6 +10,7 @@ from typing import Literal
 
 import chex
 import jax
+import jax.numpy as jnp
 
 # What the robot may ask of a pedestrian, and what a pedestrian may ask of the robot (docs/world.md section 6).
 REQUESTS = ("none", "stop", "margin-right", "margin-left")
@@ -18,6 +19,7 @@ REPLIES = ("none", "agrees", "refuses")
 NONE, STOP, RIGHT, LEFT = range(4)
 AGREES, REFUSES = 1, 2
 
+MAX_PEDESTRIANS = 64
 OBSERVATION_PARTS = ("scan", "pedestrians", "dialogue", "sensor_map", "pedestrian_map")
 
 
@@ -27,17 +29,19 @@ class WorldConfig:
 
     Attributes:
         scenes: scenes of which each episode draws one.
-        pedestrians: number of pedestrians in every episode (P).
+        pedestrians: the most pedestrians of an episode (P), 1 to 64; the scene says how many of them are there.
         nearest: the most pedestrians that are observed, nearest first.
         beams: number of laser beams over [-pi/2, pi/2] (B).
         observation: the parts to sense besides pose and twist: scan, pedestrians, dialogue, sensor_map, pedestrian_map.
         scan_noise: draw range noise and dropouts; off saves one random word a beam.
         hearing: whether the robot hears; a deaf one observes silence although pedestrians commit all the same.
         reward: code, the authors' code; text, their paper's text (all terms each step, closeness at arrival).
-        body: what the laser sees of a pedestrian: a disc, or two legs of that size beside each other while it walks.
+        body: what the laser sees of a pedestrian: a disc, or two legs that step, close together while it stands.
         swept_collisions: test contact over the whole step; off tests the end of the step only.
         wall_neighbors: walls a pedestrian avoids at once, nearest first.
         max_neighbors: other pedestrians a pedestrian avoids at once, nearest first.
+        scan_delay: the largest ``scan_latency``: so many past views are kept in the state, and in every snapshot.
+        control_delay: the largest ``control_latency``: so many past twists are kept in the state.
     """
 
     scenes: tuple[str, ...] = ("square", "hallway", "crosswalk")
@@ -52,6 +56,8 @@ class WorldConfig:
     body: Literal["disc", "legs"] = "disc"
     wall_neighbors: int = 4
     max_neighbors: int = 10
+    scan_delay: int = 0
+    control_delay: int = 0
 
     def __post_init__(self):
         for name, least in (
@@ -60,10 +66,14 @@ class WorldConfig:
             ("beams", 2),
             ("wall_neighbors", 1),
             ("max_neighbors", 1),
+            ("scan_delay", 0),
+            ("control_delay", 0),
         ):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
                 raise ValueError(f"world.{name} is {value!r}: give a whole number of at least {least}")
+        if self.pedestrians > MAX_PEDESTRIANS:
+            raise ValueError(f"world.pedestrians is {self.pedestrians}: give at most {MAX_PEDESTRIANS}")
         for part in self.observation:
             if part not in OBSERVATION_PARTS:
                 raise ValueError(f"world.observation names {part!r}: choose from {', '.join(OBSERVATION_PARTS)}")
@@ -91,10 +101,12 @@ class Params:
     robot_radius: float = 0.17  # radius of the robot's disc, m
     goal_tolerance: float = 0.3  # distance to the goal that counts as arrival, m
     max_steps: float = 100.0  # steps after which an episode is truncated
+    control_latency: float = 0.0  # whole steps from an action to its driving, at most world.control-delay
     # Laser (section 3)
     scan_range: float = 12.0  # longest range, m
     scan_noise_std: float = 0.01  # standard deviation of a range, m (with world.scan-noise)
     scan_dropout: float = 0.01  # share of beams that read scan_range (with world.scan-noise)
+    scan_latency: float = 0.0  # whole steps from a scan to its observation, at most world.scan-delay
     # Pedestrians (section 7)
     body_radius: float = 0.1  # radius of a pedestrian's body, m
     preferred_speed: float = 0.5  # walking speed, m/s
@@ -110,6 +122,7 @@ class Params:
     p_pedestrian_first: float = 0.5  # probability that the pedestrian speaks first
     compliance: float = 1.0  # probability that it agrees to a request
     obey_steps: float = 10.0  # steps for which it obeys
+    p_decides_late: float = 0.0  # probability that one with whom nothing is agreed picks a side, late and unannounced
     message_exceptions: float = 0.2  # share of messages that don't suit the geometry
     passing_clearance: float = 1.0  # gap when both keep to the same hand, m
     small_talk: float = 0.0  # probability of small talk in a step
@@ -134,12 +147,28 @@ class Action:
 
 
 @chex.dataclass(frozen=True)
+class WallCells:
+    """Which walls can be seen, or touched within a step, from each square cell of a large floor plan.
+
+    walls: `[rows, columns, K]` int32 indices into the solid walls of all chains, padded with -1; x, y: lower left
+    corner of cell (0, 0); size: side of a cell, m; scan_range: up to which range of the laser that holds, m. Who is
+    beyond the last cell is in it.
+    """
+
+    walls: jax.Array
+    x: float
+    y: float
+    size: float
+    scan_range: float
+
+
+@chex.dataclass(frozen=True)
 class Walls:
     """Closed polygon chains drawn with one pen: wall i joins vertex i to vertex i + 1 where ``solid[i]``.
 
     x, y: `[W + 1]` vertices; solid: `[W]`, False where the pen is lifted between two chains; before, after: `[W]` index
     of the vertex before vertex i and after vertex i + 1 in the chain. Padding repeats the last vertex. Free space lies
-    to the left of every wall.
+    to the left of every wall. cells, listed: what `near` looks up, and what it has found.
     """
 
     x: jax.Array
@@ -147,10 +176,26 @@ class Walls:
     solid: jax.Array
     before: jax.Array
     after: jax.Array
+    cells: WallCells | None = None
+    listed: jax.Array | None = None
+
+    def near(self, x, y):
+        """These walls, of which only those ``listed`` `[K]` count: all that can be seen or touched from (x, y)."""
+        if self.cells is None:
+            return self
+        cells = self.cells
+        rows, columns, _ = cells.walls.shape
+        column = jnp.clip(jnp.floor((x - cells.x) / cells.size), 0, columns - 1).astype(jnp.int32)
+        row = jnp.clip(jnp.floor((y - cells.y) / cells.size), 0, rows - 1).astype(jnp.int32)
+        return self.replace(cells=None, listed=jnp.asarray(cells.walls)[row, column])
 
     def segments(self):
-        """(ax, ay, bx, by, solid), each `[W]`: both ends of every wall."""
-        return self.x[:-1], self.y[:-1], self.x[1:], self.y[1:], self.solid
+        """(ax, ay, bx, by, solid), each `[W]`, or `[K]` where only some are listed: both ends of every wall."""
+        if self.listed is None:
+            return self.x[:-1], self.y[:-1], self.x[1:], self.y[1:], self.solid
+        i = jnp.maximum(self.listed, 0)
+        x, y, solid = jnp.asarray(self.x), jnp.asarray(self.y), jnp.asarray(self.solid)
+        return x[i], y[i], x[i + 1], y[i + 1], solid[i] & (self.listed >= 0)
 
 
 @chex.dataclass(frozen=True)
@@ -171,7 +216,8 @@ class Robot:
 
 @chex.dataclass(frozen=True)
 class Pedestrian:
-    """x, y, vx, vy: position and velocity; goal_x, goal_y: where it walks to. In `State` every field is `[P]`."""
+    """x, y, vx, vy: position and velocity; goal_x, goal_y: where it walks to, by way of via_x, via_y until it has
+    turned there; present: whether it is in this episode at all. In `State` every field is `[P]`."""
 
     x: jax.Array
     y: jax.Array
@@ -179,36 +225,49 @@ class Pedestrian:
     vy: jax.Array
     goal_x: jax.Array
     goal_y: jax.Array
+    via_x: jax.Array
+    via_y: jax.Array
+    turned: jax.Array
+    present: jax.Array
+
+    def target(self):
+        """(x, y) of where it walks to now."""
+        return jnp.where(self.turned, self.goal_x, self.via_x), jnp.where(self.turned, self.goal_y, self.via_y)
 
 
 @chex.dataclass(frozen=True)
 class Fate:
     """What chance decides of a pedestrian's one encounter, drawn at reset. In `State` every field is `[P]`.
 
-    first, message, compliance: uniform in [0, 1), compared with probabilities when they are needed;
-    reply_delay: 0-2 steps from request to reply; commit_delay: 2-4 steps from message to commitment.
+    first, message, compliance, decides: uniform in [0, 1), compared with probabilities when they are needed; side:
+    likewise, below a half for its right; reply_delay: 0-2 steps from request to reply; commit_delay: 2-4 steps from
+    message to commitment; decide_delay: 1-4 steps from opening to a decision of its own.
     """
 
     first: jax.Array
     message: jax.Array
     compliance: jax.Array
+    decides: jax.Array
+    side: jax.Array
     reply_delay: jax.Array
     commit_delay: jax.Array
+    decide_delay: jax.Array
 
 
 @chex.dataclass(frozen=True)
 class Encounter:
     """Where the dialogue with a pedestrian stands. In `State` every field is `[P]`.
 
-    met: has opened this episode; is_open: the gate; pedestrian_first: the initiator; message, message_age: what it said
-    and for how many steps it has held; request, request_age, reply: what the robot asked, since when, and the answer;
-    utterance: uint32 for the wording, 0 when nothing is said; distance, grown: last distance and for how many steps it
-    has grown; x, y, ux, uy: the pedestrian's line, frozen at opening (a point and a unit vector); robot_x, robot_y,
-    robot_ux, robot_uy: the robot's line toward its goal, likewise.
+    met: has opened this episode; is_open: the gate; age: steps since it opened; pedestrian_first: the initiator;
+    message, message_age: what it said and for how many steps it has held; request, request_age, reply: what the robot
+    asked, since when, and the answer; utterance: uint32 for the wording, 0 when nothing is said; distance, grown: last
+    distance and for how many steps it has grown; x, y, ux, uy: the pedestrian's line, frozen at opening and where it
+    turns (a point and a unit vector); robot_x, robot_y, robot_ux, robot_uy: the robot's line to its goal at opening.
     """
 
     met: jax.Array
     is_open: jax.Array
+    age: jax.Array
     pedestrian_first: jax.Array
     message: jax.Array
     message_age: jax.Array
@@ -229,9 +288,25 @@ class Encounter:
 
 
 @chex.dataclass(frozen=True)
+class View:
+    """What a scan is taken of. t: when; x, y, heading: the robot's pose; pedestrian_x, pedestrian_y, pedestrian_vx,
+    pedestrian_vy: `[P]`."""
+
+    t: jax.Array
+    x: jax.Array
+    y: jax.Array
+    heading: jax.Array
+    pedestrian_x: jax.Array
+    pedestrian_y: jax.Array
+    pedestrian_vx: jax.Array
+    pedestrian_vy: jax.Array
+
+
+@chex.dataclass(frozen=True)
 class State:
     """One episode. t: steps taken; scene: index into ``WorldConfig.scenes``; seed: uint32 of the sensor noise;
-    min_distance: smallest surface distance to a pedestrian so far."""
+    min_distance: smallest surface distance to a pedestrian so far; past_views: `View` `[scan_delay]`; past_twists:
+    `[control_delay, 2]`, of past actions. Both newest first, and None where the delay is 0."""
 
     t: jax.Array
     scene: jax.Array
@@ -241,11 +316,15 @@ class State:
     fates: Fate
     encounters: Encounter
     min_distance: jax.Array
+    past_views: View | None = None
+    past_twists: jax.Array | None = None
 
 
 @chex.dataclass(frozen=True)
 class SeenPedestrian:
     """What `observe` reads of one pedestrian and its encounter. In `Snapshot` every field is `[P]`."""
+
+    present: jax.Array
 
     x: jax.Array
     y: jax.Array
@@ -265,7 +344,8 @@ class SeenPedestrian:
 class Snapshot:
     """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
 
-    90 bytes with one pedestrian, 27 more for each further one. turned: start heading - heading; past: as in `Robot`.
+    91 bytes with one pedestrian, 28 more for each further one; a step of ``scan_delay`` adds 14 and 16 a pedestrian.
+    turned: start heading - heading; past: as in `Robot`; past_views: as in `State`.
     """
 
     t: jax.Array
@@ -281,6 +361,7 @@ class Snapshot:
     turned: jax.Array
     past: jax.Array
     pedestrians: SeenPedestrian
+    past_views: View | None = None
 
 
 @chex.dataclass(frozen=True)
@@ -306,6 +387,7 @@ class Observation:
     may_request:     bool, whether a code other than none counts now.
     scan:            `[B]` ranges, ``scan_range`` where nothing is hit.
     pedestrians:     `[K, 4]` x, y, vx, vy in the robot frame, robot velocity not subtracted; nearest first.
+    seen:            `[K]` bool, whether there is such a pedestrian and the robot sees it; else its row is 0.
     dialogue:        `ObservedDialogue` in the same order.
     sensor_map:      `[48, 48]` grid around the robot: free 1, unknown 200 / 255, robot 100 / 255, hit 0.
     pedestrian_map:  `[3, 48, 48]` occupancy, vx, vy.
@@ -316,6 +398,7 @@ class Observation:
     may_request: jax.Array
     scan: jax.Array | None = None
     pedestrians: jax.Array | None = None
+    seen: jax.Array | None = None
     dialogue: ObservedDialogue | None = None
     sensor_map: jax.Array | None = None
     pedestrian_map: jax.Array | None = None

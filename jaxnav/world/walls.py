@@ -88,9 +88,11 @@ def nearest_walls(x, y, walls, count):
         squared = jnp.where(faces, (qx - x) ** 2 + (qy - y) ** 2, jnp.inf)
         return insert_nearest(held, squared, index), None
 
-    size = walls.solid.shape[0]
+    segments = walls.segments()
+    size = segments[-1].shape[0]
+    indices = jnp.arange(size, dtype=jnp.int32) if walls.listed is None else walls.listed
     start = [(jnp.full_like(x, jnp.inf), jnp.int32(0))] * min(count, size)
-    return jax.lax.scan(insert, start, (jnp.arange(size, dtype=jnp.int32), walls.segments()))[0]
+    return jax.lax.scan(insert, start, (indices, segments))[0]
 
 
 def time_to_walls(x, y, ex, ey, walls, radius):

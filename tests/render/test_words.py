@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxnav.render.words import REQUEST_SENTENCES, captions, ending, in_short, utterances
+from jaxnav.render.words import REQUEST_SENTENCES, captions, ending, in_short, scene_title, utterances
 from jaxnav.world.types import MESSAGES, REQUESTS
 
 
@@ -84,3 +84,11 @@ def test_endings_are_those_of_the_outcomes(episodes):
         **{name: np.zeros_like(episodes[0].outcomes[name]) for name in ("arrived", "collided", "truncated")}
     ))  # fmt: skip
     assert ending(cut) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [("square", "Square"), ("narrow-laser", "Narrow laser"), ("maps/my_house.yaml", "My house")],
+)
+def test_a_scene_is_called_by_its_name_without_folders(name, title):
+    assert scene_title(name) == title

@@ -90,7 +90,8 @@ def action(v=0.0, w=0.0, code=0):
 
 def situation(
     robot=(0.0, 0.0, 0.0), goal=(4.5, 0.0), twist=(0.0, 0.0), pedestrians=((-4.0, 4.0, -4.0, 4.0),), speed=0.5, scene=0,
-    t=0, first_draw=0.99, message_draw=0.99, compliance_draw=0.0, reply_delay=0, commit_delay=2, **encounter,
+    t=0, first_draw=0.99, message_draw=0.99, compliance_draw=0.0, side_draw=0.0, reply_delay=0, commit_delay=2,
+    decide_delay=2, **encounter,
 ):  # fmt: skip
     """A `State` before anything was said. robot: x, y, heading; pedestrians: x, y, goal x, y, walking at ``speed``.
 
@@ -107,7 +108,7 @@ def situation(
 
     kinds = dict.fromkeys(Encounter.__dataclass_fields__, np.float32)
     kinds |= dict.fromkeys(("met", "is_open", "pedestrian_first"), bool)
-    kinds |= dict.fromkeys(("message", "message_age", "request", "request_age", "reply", "grown"), np.int32)
+    kinds |= dict.fromkeys(("message", "message_age", "request", "request_age", "reply", "grown", "age"), np.int32)
     kinds |= {"utterance": np.uint32}
     fields = {name: each(0, dtype) for name, dtype in kinds.items()}
     fields["distance"] = np.hypot(x - pose[0], y - pose[1]).astype(np.float32)
@@ -122,10 +123,12 @@ def situation(
         pedestrians=Pedestrian(
             x=x, y=y, vx=(speed * (goal_x - x) / length).astype(np.float32),
             vy=(speed * (goal_y - y) / length).astype(np.float32), goal_x=goal_x, goal_y=goal_y,
+            via_x=goal_x, via_y=goal_y, turned=each(True, bool), present=each(True, bool),
         ),
         fates=Fate(
             first=each(first_draw), message=each(message_draw), compliance=each(compliance_draw),
-            reply_delay=each(reply_delay, np.int32), commit_delay=each(commit_delay, np.int32),
+            decides=each(0.5), side=each(side_draw), reply_delay=each(reply_delay, np.int32),
+            commit_delay=each(commit_delay, np.int32), decide_delay=each(decide_delay, np.int32),
         ),
         encounters=Encounter(**fields), min_distance=np.float32(np.inf),
     )  # fmt: skip

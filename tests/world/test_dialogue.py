@@ -17,10 +17,10 @@ ASKED = {"is_open": True, "met": True, "distance": 2.6}
 
 
 @jax.jit
-def advance(state, params, word=WORD):
+def advance(state, params, word=WORD, turns=False):
     """`dialogue.advance` of every pedestrian of a state; the state with the new encounters."""
-    encounters = jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, None, None, None))(
-        state.encounters, state.fates, state.robot, state.pedestrians, WORLD.walls(state.scene), word, params
+    encounters = jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, None, None, None, None))(
+        state.encounters, state.fates, state.robot, state.pedestrians, turns, WORLD.walls(state.scene), word, params
     )
     return state.replace(encounters=encounters)
 
@@ -72,6 +72,21 @@ class TestGate:
         for now in (state, advance(moved, USUAL)):
             names = ("x", "y", "ux", "uy", "robot_x", "robot_y", "robot_ux", "robot_uy")
             assert [only(now, name) for name in names] == pytest.approx([2.5, 0, -1, 0, 0, 0, 0, 1], abs=1e-6)
+
+    def test_where_the_pedestrian_turns_its_line_is_frozen_anew(self, situation):
+        state = advance(situation(robot=(0.0, 0.0, 0.3), goal=(0.0, 4.0), pedestrians=FACING), USUAL)
+        turned = state.pedestrians.replace(y=np.full(1, 1.0, np.float32), goal_x=np.full(1, 2.5, np.float32))
+        now = advance(state.replace(pedestrians=turned), USUAL, turns=True)
+        assert [only(now, name) for name in ("x", "y", "ux", "uy")] == pytest.approx([2.5, 1, 0, -1], abs=1e-6)
+        assert [only(now, name) for name in ("robot_x", "robot_ux")] == [
+            only(state, "robot_x"),
+            only(state, "robot_ux"),
+        ]
+
+    def test_those_who_are_not_there_meet_nobody(self, situation):
+        state = situation(twist=(0.6, 0.0), pedestrians=FACING)
+        absent = state.replace(pedestrians=state.pedestrians.replace(present=np.zeros(1, bool)))
+        assert only(advance(state, USUAL), "met") and not only(advance(absent, USUAL), "met")
 
 
 class TestWords:
@@ -288,6 +303,54 @@ class TestCommitment:
         assert nearest[0.6] < 0
 
 
+class TestDecidingAlone:
+    @pytest.mark.parametrize(
+        ("encounter", "decides"),
+        [
+            ({}, True),
+            ({"age": 2}, False),
+            ({"age": 9}, True),
+            ({"is_open": False}, False),
+            ({"pedestrian_first": True, "message": STOP}, False),
+            ({"request": STOP}, True),
+            ({"request": STOP, "reply": REFUSES}, True),
+            ({"request": STOP, "reply": AGREES}, False),
+        ],
+        ids=["due", "too early", "long since", "closed", "announced", "asked", "refused", "agreed"],
+    )
+    def test_only_one_with_whom_nothing_is_agreed_does_and_after_its_delay(self, situation, encounter, decides):
+        state = situation(decide_delay=3, **{"is_open": True, "age": 3} | encounter)
+        assert dialogue.decides_alone(state.encounters, state.fates, Params(p_decides_late=1.0)).item() == decides
+
+    @pytest.mark.parametrize(("p", "share"), [(0.0, 0.0), (0.3, 0.3), (1.0, 1.0)])
+    def test_a_share_of_all_do(self, situation, p, share):
+        state = situation(is_open=True, age=4)
+        draws = ((np.arange(1000) + 0.5) / 1000).astype(np.float32)
+        decided = dialogue.decides_alone(state.encounters, state.fates.replace(decides=draws), Params(p_decides_late=p))
+        assert decided.mean() == pytest.approx(share)
+
+    @pytest.mark.parametrize("delay", [1, 2, 4])
+    @pytest.mark.parametrize(("side_draw", "side"), [(0.2, 1), (0.8, -1)])
+    def test_from_the_opening_on_it_takes_its_delay_and_then_its_side(
+        self, default, situation, action, delay, side_draw, side
+    ):
+        """It walks toward -x, so that +y is its right."""
+        params = USUAL.replace(awareness=0.0, p_decides_late=1.0)
+        state = situation(
+            robot=(-2.0, 0.0, 0.0), pedestrians=[(1.5, 0.0, -4.5, 0.0)], decide_delay=delay, side_draw=side_draw
+        )
+        ages, turned = [], []
+        for _ in range(8):
+            state, _ = default.act(state, action(v=0.6), params)
+            if only(state, "is_open"):
+                ages.append(only(state, "age"))
+                turned.append(side * float(state.pedestrians.vy[0]) > 0.1)
+        assert ages == list(range(len(ages)))
+        # The velocity that led to a state was chosen at the age before.
+        assert turned.index(True) == delay + 1
+        assert turned[delay + 1]
+
+
 def test_a_deaf_robot_observes_silence_while_the_pedestrian_commits(default, variant, situation, action):
     state = situation(pedestrians=FACING, first_draw=0.0)
     for _ in range(4):
@@ -300,14 +363,15 @@ def test_a_deaf_robot_observes_silence_while_the_pedestrian_commits(default, var
 
 
 def test_chance_is_spread_as_specified(random_episodes):
-    """Replies after 0-2 steps, commitments after 2-4, evenly; initiator, word and reply are independent."""
+    """Replies after 0-2 steps, commitments after 2-4, own decisions after 1-4, evenly; the draws are independent."""
     fates = jax.tree.map(lambda leaf: leaf[0, :, 0], random_episodes[0].fates)
-    for delays, values in ((fates.reply_delay, (0, 1, 2)), (fates.commit_delay, (2, 3, 4))):
-        assert np.unique(delays).tolist() == list(values)
-        assert np.bincount(delays)[list(values)] / len(delays) == pytest.approx([1 / 3] * 3, abs=0.04)
-    uniform = np.stack([fates.first, fates.message, fates.compliance])
+    for delays, first, last in ((fates.reply_delay, 0, 2), (fates.commit_delay, 2, 4), (fates.decide_delay, 1, 4)):
+        values, counts = np.unique(delays, return_counts=True)
+        assert values.tolist() == list(range(first, last + 1))
+        assert counts / len(delays) == pytest.approx([1 / len(values)] * len(values), abs=0.04)
+    uniform = np.stack([fates.first, fates.message, fates.compliance, fates.decides, fates.side])
     np.testing.assert_allclose(uniform.mean(axis=1), 0.5, atol=0.03)
-    assert np.abs(np.corrcoef(uniform) - np.eye(3)).max() < 0.08
+    assert np.abs(np.corrcoef(uniform) - np.eye(5)).max() < 0.08
 
 
 def test_the_dialogue_is_consistent_along_random_episodes(random_episodes):

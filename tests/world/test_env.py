@@ -248,7 +248,8 @@ def test_params_within_their_range_pass_and_so_do_traced_ones():
     ("field", "value"),
     [
         ("pedestrians", 0), ("pedestrians", 1.5), ("nearest", 0), ("beams", 1), ("beams", True), ("wall_neighbors", -1),
-        ("max_neighbors", 0), ("observation", ("scan", "smell")), ("reward", "paper"), ("scenes", ()),
+        ("max_neighbors", 0), ("scan_delay", -1), ("control_delay", 0.5),
+        ("observation", ("scan", "smell")), ("reward", "paper"), ("scenes", ()),
     ],
 )  # fmt: skip
 def test_config_errors_name_the_field(field, value):

@@ -108,6 +108,14 @@ def test_enumeration_agrees_with_a_grid():
             assert best == pytest.approx(nearest_permitted(normals, offsets, target), abs=0.01)
 
 
+@pytest.mark.parametrize("far", [1.0, 300.0])
+def test_a_line_given_by_a_far_point_is_cut_at_the_speed_limit_all_the_same(far):
+    """Half-plane y >= 0.6 by a point on its border, preferred velocity beyond where border and disc meet."""
+    plane = HalfPlane(*np.float32([far, 0.6, 1.0, 0.0]), active=np.bool_(True))
+    v = linear_program.solve([plane], [], np.float32(3.0), np.float32(0.0), MAX_SPEED)
+    np.testing.assert_allclose(v, [0.8, 0.6], atol=1e-4)
+
+
 def test_solve_has_finite_gradients_where_it_is_infeasible_parallel_or_idle():
     def total(normals_x, normals_y, offsets, preferred):
         return jnp.sum(solve((normals_x, normals_y, offsets, np.ones(4, bool)), preferred))

@@ -20,13 +20,21 @@ def _wants(state, params):
     return jnp.stack([vx[0], vy[0]])
 
 
+def heading_for(state, x, y):
+    """A state whose pedestrians have a way point before them."""
+    count = len(state.pedestrians.x)
+    via_x, via_y = np.full(count, x, np.float32), np.full(count, y, np.float32)
+    return state.replace(pedestrians=state.pedestrians.replace(via_x=via_x, via_y=via_y, turned=np.zeros(count, bool)))
+
+
 @pytest.fixture
 def wants(situation):
     """Preferred velocity of a pedestrian at (1, 2), in an encounter whose frozen direction is -x through that point."""
 
-    def preferred(goal=(-3.0, 2.0), at=(1.0, 2.0), params=Params(), **encounter):
+    def preferred(goal=(-3.0, 2.0), at=(1.0, 2.0), params=Params(), via=None, **encounter):
         frozen = {"is_open": True, "x": 1.0, "y": 2.0, "ux": -1.0, "uy": 0.0}
-        return np.asarray(_wants(situation(pedestrians=[(*at, *goal)], **frozen | encounter), params))
+        state = situation(pedestrians=[(*at, *goal)], **frozen | encounter)
+        return np.asarray(_wants(state if via is None else heading_for(state, *via), params))
 
     return preferred
 
@@ -74,6 +82,45 @@ def test_a_committed_pedestrian_tracks_the_line_it_announced(wants, message, sid
     np.testing.assert_allclose(wants(at=(0.0, 2.0), **committed | {"message_age": 1}), [-0.5, 0.0], atol=1e-6)
 
 
+LATE = Params(p_decides_late=0.6)  # `situation` draws 0.5
+
+
+@pytest.mark.parametrize(("side_draw", "side"), [(0.0, 1.0), (0.49, 1.0), (0.5, -1.0), (0.99, -1.0)])
+def test_who_decides_alone_tracks_a_line_on_the_side_it_drew(wants, side_draw, side):
+    """Half of 1.0 m and both radii to its own right (+y here) or left of the line at the opening."""
+    alone = {"age": 2, "side_draw": side_draw, "params": LATE}
+    there = 2.0 + side * 0.5 * (1.0 + 0.17 + 0.1)
+    np.testing.assert_allclose(wants(at=(0.0, there), **alone), [-0.5, 0.0], atol=1e-6)
+    # From the middle of its line 72 degrees off, three to one: it has about a second for it.
+    np.testing.assert_allclose(wants(at=(1.0, 2.0), **alone), np.array([-0.5, side * 1.5]) / np.sqrt(10), atol=1e-6)
+    # It goes there by itself only after its delay, and only if it is one of those who do.
+    for changed in ({"age": 1}, {"params": Params(p_decides_late=0.5)}, {"params": Params()}):
+        np.testing.assert_allclose(wants(**alone | changed), [-0.5, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("request_", "expected"),
+    [(STOP, (0, 0)), (RIGHT, (-0.5 * DIAGONAL, 0.5 * DIAGONAL)), (LEFT, (-0.5 * DIAGONAL, -0.5 * DIAGONAL))],
+    ids=["stop", "margin-right", "margin-left"],
+)
+def test_who_has_agreed_obeys_and_decides_nothing_alone(wants, request_, expected):
+    late = {"age": 2, "side_draw": 0.0, "params": LATE, "request": request_}
+    np.testing.assert_allclose(wants(**late, reply=AGREES), expected, atol=1e-6)
+    # Done obeying it keeps to what was agreed: on to its goal. One who refused goes its own way.
+    np.testing.assert_allclose(wants(**late, reply=AGREES, request_age=10), [-0.5, 0.0], atol=1e-6)
+    np.testing.assert_allclose(wants(**late, reply=REFUSES), np.array([-0.5, 1.5]) / np.sqrt(10), atol=1e-6)
+
+
+def test_to_its_way_point_it_walks_at_full_speed_by_no_side(wants):
+    """However near; committed or decided, it takes a side only once it has turned. What it granted it does at once."""
+    to_via = 0.5 * np.array([0.6, 0.8])
+    via = {"via": (1.06, 2.08), "goal": (4.0, 2.0)}
+    committed = {"pedestrian_first": True, "message": RIGHT, "message_age": 2}
+    for encounter in ({}, committed, {"age": 2, "params": LATE}):
+        np.testing.assert_allclose(wants(**via, **encounter), to_via, atol=1e-6)
+    np.testing.assert_allclose(wants(**via, request=STOP, reply=AGREES), [0.0, 0.0], atol=1e-6)
+
+
 @pytest.fixture(scope="module")
 def walk():
     """`pedestrian.walk` of one pedestrian in the default scenes, near a robot."""
@@ -116,6 +163,36 @@ def test_the_robot_is_avoided_unless_committed(walk, situation, encounter, avoid
 def test_awareness_is_the_distance_between_centres_at_which_the_robot_is_avoided(walk, situation, awareness, avoids):
     state = situation(robot=(1.05, 0.0, 0.0), pedestrians=[(0.0, 0.0, 4.0, 0.0)])
     assert (abs(walk(state, Params(awareness=awareness)).vx[0] - 0.5) > 0.005) == avoids
+
+
+@pytest.mark.parametrize(("p_decides_late", "avoids"), [(0.4, True), (0.6, False)])
+def test_who_has_decided_alone_avoids_the_robot_no_more(walk, situation, p_decides_late, avoids):
+    """It is on its line already, 0.635 m to the right of where it walked at the opening; the robot stands there."""
+    state = situation(robot=(1.0, 0.05, 0.0), pedestrians=[(0.0, 0.0, 4.0, 0.0)], is_open=True, age=2, y=0.635, ux=1.0)
+    walked = walk(state, Params(awareness=2.0, p_decides_late=p_decides_late))
+    assert (np.abs([walked.vx[0] - 0.5, walked.vy[0]]).max() > 0.05) == avoids
+
+
+@pytest.mark.parametrize(("x", "turned"), [(0.49, False), (0.51, True)])
+def test_it_turns_within_30_cm_of_its_way_point(walk, situation, x, turned):
+    """After a step of 0.2 m, 0.31 or 0.29 m are left."""
+    state = heading_for(situation(pedestrians=[(x, 0.0, 1.0, 2.0)]), 1.0, 0.0)
+    walked = walk(state, Params())
+    np.testing.assert_allclose([walked.x[0], walked.y[0]], [x + 0.2, 0.0], atol=1e-5)
+    assert walked.turned[0] == turned
+    after = walk(state.replace(pedestrians=walked), Params())
+    to_goal = np.array([1.0 - walked.x[0], 2.0]) / np.hypot(1.0 - walked.x[0], 2.0)
+    np.testing.assert_allclose([after.vx[0], after.vy[0]], 0.5 * to_goal if turned else [0.5, 0.0], atol=1e-5)
+
+
+def test_it_gets_to_its_goal_by_way_of_its_way_point_and_turns_once(walk, situation):
+    state = heading_for(situation(robot=(-4.0, -4.0, 0.0), pedestrians=[(0.0, 0.0, 1.0, 2.0)]), 1.0, 0.0)
+    walkers, turned = state.pedestrians, []
+    for _ in range(20):
+        walkers = walk(state.replace(pedestrians=walkers), Params())
+        turned.append(bool(walkers.turned[0]))
+    assert turned == [False] * 3 + [True] * 17
+    np.testing.assert_allclose([walkers.x[0], walkers.y[0]], [1.0, 2.0], atol=1e-5)
 
 
 def free(scene, x, y):

@@ -7,7 +7,6 @@ import pyrvo
 import pytest
 
 from jaxnav.world import Params, WorldConfig, pedestrian
-from jaxnav.world.types import Pedestrian
 from jaxnav.world.walls import pad_walls, walls_from_chains
 
 AGENTS, STEPS = 20, 20
@@ -110,7 +109,8 @@ def walk(situation):
     still = situation(robot=(3 * FAR, 0.0, 0.0), pedestrians=np.zeros((AGENTS, 4)))
 
     def step(crowd, walls):
-        pedestrians = Pedestrian(**dict(zip(("x", "y", "vx", "vy", "goal_x", "goal_y"), crowd.T, strict=True)))
+        fields = dict(zip(("x", "y", "vx", "vy", "goal_x", "goal_y"), crowd.T, strict=True))
+        pedestrians = still.pedestrians.replace(**fields)
         walked = pedestrian.walk(pedestrians, still.encounters, still.fates, still.robot, walls, CONFIG, PARAMS)
         return jnp.stack([walked.vx, walked.vy], axis=-1)
 

@@ -1,13 +1,16 @@
 """What the robot senses: maps against an independent rasteriser, frames, history, order, and snapshots that suffice."""
 
 import itertools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.world import Params, sensing
+from jaxnav.world import SCENES, Params, World, WorldConfig, sensing
+from jaxnav.world.scenes import SIGHTS
+from jaxnav.world.types import OBSERVATION_PARTS
 
 PARAMS = Params()
 FREE, UNKNOWN, HIT, ROBOT = 1.0, 200 / 255, 0.0, 100 / 255
@@ -65,7 +68,7 @@ def test_pedestrian_map_against_a_rasteriser():
                     gap = np.hypot(3 - (row + 0.5) * 0.125 - x, 3 - (column + 0.5) * 0.125 - y)
                     if gap <= 0.3 and abs(x) <= 3 and abs(y) <= 3:
                         expected[:, row, column] = 1.0, vx, vy
-        np.testing.assert_allclose(sensing.pedestrian_map(jnp.array(listed)), expected, atol=1e-6)
+        np.testing.assert_allclose(sensing.pedestrian_map(jnp.array(listed), jnp.ones(4, bool)), expected, atol=1e-6)
 
 
 def test_pedestrian_map_in_the_world_is_in_the_robot_frame(crowd, situation):
@@ -160,3 +163,65 @@ def test_parts_left_out_are_none(variant, situation):
     seen = variant.observe(situation(), PARAMS)
     assert (seen.pedestrians, seen.sensor_map, seen.pedestrian_map) == (None, None, None)
     assert seen.scan.shape == (180,)
+
+
+def crosses(p, q, a, b):
+    """Whether open segments p-q and a-b have a point in common: parameters of the meeting point, float64."""
+    d, e = q - p, b - a
+    determinant = d[0] * e[1] - d[1] * e[0]
+    if determinant == 0:
+        return False
+    s = ((a[0] - p[0]) * e[1] - (a[1] - p[1]) * e[0]) / determinant
+    t = ((a[0] - p[0]) * d[1] - (a[1] - p[1]) * d[0]) / determinant
+    return 0 < s < 1 and 0 < t < 1
+
+
+@pytest.mark.parametrize("name", ["crosswalk", "doorway", "corner"])
+def test_in_sight_are_those_whom_no_wall_hides(name):
+    """Against every wall crossed by hand, from random poses in and out of the rooms."""
+    world = World(WorldConfig(scenes=(name,)))
+    edges = [(a, b) for chain in SCENES[name].chains for a, b in itertools.pairwise(np.array([*chain, chain[0]]))]
+    rng = np.random.default_rng(0)
+    robots, people = rng.uniform(-6, 6, (200, 2)), rng.uniform(-6, 6, (200, 5, 2))
+    seen = {
+        sight: np.asarray(_in_sight(robots.astype(np.float32), people.astype(np.float32), world.walls(0), sight))
+        for sight in range(3)
+    }
+    expected = np.array(
+        [[not any(crosses(p, q, *edge) for edge in edges) for q in row] for p, row in zip(robots, people, strict=True)]
+    )
+    assert 0.1 < expected.mean() < 0.9
+    np.testing.assert_array_equal(seen[SIGHTS.index("line")], expected)
+    assert seen[SIGHTS.index("all")].all()
+    assert not seen[SIGHTS.index("none")].any()
+
+
+@jax.jit
+def _in_sight(robots, people, walls, sight):
+    def one(robot, others):
+        return sensing.in_sight_of(Point(*robot), Point(*others.T), walls, sight)
+
+    return jax.vmap(one)(robots, people)
+
+
+class Point(NamedTuple):
+    x: jax.Array
+    y: jax.Array
+
+
+def test_a_row_is_seen_or_zero(situation):
+    """In the corner: one in the robot's own arm, a nearer one behind the corner; both are heard."""
+    world = World(WorldConfig(scenes=("corner",), pedestrians=2, observation=OBSERVATION_PARTS))
+    state = situation(
+        robot=(-1.5, 0.5, 0.0), pedestrians=[(-4.0, 0.0, 4.0, 0.0), (-0.5, 1.5, -0.5, -4.0)], is_open=True,
+        pedestrian_first=True, message=np.array([1, 2]),
+    )  # fmt: skip
+    seen = jax.jit(world.observe)(state, PARAMS)
+    assert seen.seen.tolist() == [False, True]  # nearest first
+    assert not np.any(seen.pedestrians[0])
+    np.testing.assert_allclose(seen.pedestrians[1], [-2.5, -0.5, 0.5, 0.0], atol=1e-5)
+    np.testing.assert_array_equal(seen.dialogue.message, [2, 1])
+    # The map shows those who are seen.
+    rows, columns = np.nonzero(seen.pedestrian_map[0])
+    assert 3 - (rows.mean() + 0.5) * 0.125 == pytest.approx(-2.5, abs=0.05)
+    assert 3 - (columns.mean() + 0.5) * 0.125 == pytest.approx(-0.5, abs=0.05)

@@ -1,0 +1,100 @@
+"""Your own building as a scene: from a ROS map_server map to walls, starts, goals and who meets whom."""
+
+import cv2
+import jax.numpy as jnp
+import numpy as np
+
+from ..world.placement import CLEARANCE
+from ..world.scenes import Scene, straight
+from ..world.types import MAX_PEDESTRIANS
+from . import occupancy, placements, polygons, visibility
+
+__all__ = ["load"]
+
+_BODY_STEP = 0.3  # m around a cell: a body that starts a step in it may get so far, and touch a wall there
+_FLOOR = 1.0  # m^2 of standing room for one pedestrian
+
+
+def load(
+    path, *, tolerance=None, clearance=CLEARANCE, distances=(4.0, 8.0), detour=1.3, meetings=4096, strolls=1024,
+    cell=1.0, scan_range=12.0, seed=0,
+) -> Scene:  # fmt: skip
+    """The scene that a ROS map_server map describes: ``path`` names its yaml file.
+
+    tolerance:  how far walls may leave the borders of the image's cells, m; by default sqrt(2) cells: a slanted wall
+                is a staircase in the image, and its corners lie in a strip of at most that width.
+    clearance:  from starts, goals and pedestrians' lines to walls, m.
+    distances:  least and greatest straight distance from the robot's start to its goal, m.
+    detour:     longest path from start to goal, in straight distances: the robot sees its goal, not the way.
+    meetings, strolls: how many of them to draw. cell: side of the cells, m. scan_range: of the laser, m.
+
+    ValueError names file, field and remedy: also where there is no free space or no goal that can be reached.
+    """
+    _check(tolerance=tolerance, clearance=clearance, distances=distances, detour=detour, meetings=meetings,
+           strolls=strolls, cell=cell, scan_range=scan_range)  # fmt: skip
+    building = occupancy.read(path)
+    scale = building.resolution
+    try:
+        free = _rooms(polygons.simple_border(building.cells == occupancy.FREE), scale, clearance, distances[0])
+        drawn = polygons.wall_chains(free, np.sqrt(2) if tolerance is None else tolerance / scale)
+        # Single precision, as the world has them: what is seen has to be right for the very same walls.
+        chains = [building.to_world(chain).astype(np.float32).astype(np.float64) for chain in drawn]
+        walls = polygons.edges(chains)
+        rng = np.random.default_rng(seed)
+        room = placements.standing_room(free, clearance / scale)
+        lines = placements.sample_lines(rng, building, room, walls, max(meetings, strolls), clearance)
+        found = placements.sample_meetings(rng, building, room, walls, lines, meetings, distances, detour, clearance)
+    except ValueError as error:
+        raise ValueError(f"map {path}: {error}") from None
+    corners = np.concatenate(chains)
+    (low_x, low_y), (high_x, high_y) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    lines = placements.sample_strolls(rng, lines[:strolls])
+
+    def stroll(u):
+        row = jnp.minimum((u[0] * len(lines)).astype(jnp.int32), len(lines) - 1)
+        return straight(*jnp.moveaxis(jnp.asarray(lines)[row], -1, 0))
+
+    return Scene(
+        name=str(path),
+        chains=tuple(tuple((float(x), float(y)) for x, y in chain) for chain in chains),
+        # Starts and goals are drawn clear of walls: the floor only has to contain them.
+        floors=((low_x, low_y, high_x, high_y),),
+        capacity=int(np.clip(np.count_nonzero(room) * scale**2 / _FLOOR, 1, MAX_PEDESTRIANS)),
+        meet=found.draw,
+        stroll=stroll,
+        cells=visibility.visible_walls(chains, cell, _BODY_STEP, scan_range),
+    )
+
+
+def _check(distances, detour, tolerance, **positive):
+    for name, value in positive.items():
+        if not value > 0:
+            raise ValueError(f"{name} is {value}: give a number above 0")
+    if not 0 < distances[0] < distances[1]:
+        raise ValueError(f"distances is {distances}: give the least, above 0, and the greatest")
+    if not detour >= 1:
+        raise ValueError(f"detour is {detour}: give at least 1, for no path is shorter than a straight line")
+    if tolerance is not None and not tolerance >= 0:
+        raise ValueError(f"tolerance is {tolerance}: give at least 0 metres")
+
+
+def _rooms(free, resolution, clearance, least):
+    """The connected parts of ``free`` that are large enough for a start and a goal, a mask like it."""
+    if not free.any():
+        raise ValueError("no free space: check negate, free_thresh and mode against the image")
+    _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+    room = placements.standing_room(free, clearance / resolution)
+    if not room.any():
+        raise ValueError(f"no free space with {clearance} m of clearance: check the resolution, {resolution} m a pixel")
+    large, extents = [], []
+    for label in np.unique(labels[room]):
+        rows, columns = np.nonzero(room & (labels == label))
+        extents.append(resolution * np.hypot(np.ptp(rows) + 1, np.ptp(columns) + 1))
+        if extents[-1] >= least:
+            large.append(label)
+    if not large:
+        raise ValueError(
+            f"start and goal are to be {least} m apart, but free space with {clearance} m of clearance extends over "
+            f"{max(extents):.2f} m: check the resolution, {resolution} m a pixel, or give smaller distances"
+        )
+    return np.isin(labels, large)

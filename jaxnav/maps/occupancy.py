@@ -1,0 +1,151 @@
+"""Occupancy maps as ROS map_server keeps them: a yaml file that describes an image."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+FREE, OCCUPIED, UNKNOWN = range(3)
+MODES = ("trinary", "scale", "raw")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OccupancyMap:
+    """What is known of a building, cell by cell.
+
+    cells:      `[rows, columns]` uint8 of FREE, OCCUPIED, UNKNOWN; row 0 is the one of lowest y (the image's last).
+    resolution: side of a cell, m.
+    origin:     (x, y, yaw) of the outer corner of cell (0, 0) in the world; rows and columns are turned by yaw.
+    """
+
+    cells: np.ndarray
+    resolution: float
+    origin: tuple[float, float, float]
+
+    def to_world(self, points):
+        """World coordinates of ``points`` `[..., 2]`: (column, row) in cells from the outer corner of cell (0, 0)."""
+        x, y, yaw = self.origin
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return (x, y) + self.resolution * np.asarray(points) @ np.array([[cos, sin], [-sin, cos]])
+
+    def to_cells(self, points):
+        """(column, row) in cells of world ``points`` `[..., 2]`: the inverse of `to_world`."""
+        x, y, yaw = self.origin
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return (np.asarray(points) - (x, y)) @ np.array([[cos, -sin], [sin, cos]]) / self.resolution
+
+
+def read(path) -> OccupancyMap:
+    """The map that a yaml file describes, with map_server's meaning of every field (wiki.ros.org/map_server).
+
+    ValueError names the file, the field and the remedy: a file that is missing or unreadable, a field that is missing
+    or not what it should be, an image whose pixels are not the bytes that the thresholds are meant for.
+    """
+    path = Path(path)
+    fields = _read_yaml(path)
+    resolution = _number(path, fields, "resolution")
+    if resolution <= 0:
+        raise ValueError(f"map {path}: resolution is {resolution}: give the metres of a pixel, above 0")
+    free_thresh, occupied_thresh = (_number(path, fields, name) for name in ("free_thresh", "occupied_thresh"))
+    if not 0 <= free_thresh < occupied_thresh <= 1:
+        raise ValueError(
+            f"map {path}: free_thresh is {free_thresh} and occupied_thresh {occupied_thresh}: "
+            "give 0 <= free_thresh < occupied_thresh <= 1"
+        )
+    negate = _field(path, fields, "negate")
+    if negate not in (0, 1):
+        raise ValueError(f"map {path}: negate is {negate!r}: give 0 or 1")
+    mode = fields.get("mode", "trinary")
+    if mode not in MODES:
+        raise ValueError(f"map {path}: mode is {mode!r}: choose from {', '.join(MODES)}")
+    image = _read_image(path, fields)
+    cells = _classify(image, bool(negate), free_thresh, occupied_thresh, mode)
+    return OccupancyMap(cells=cells[::-1], resolution=resolution, origin=_origin(path, fields))
+
+
+def _classify(image, negate, free_thresh, occupied_thresh, mode):
+    """FREE, OCCUPIED or UNKNOWN of every pixel of an image `[rows, columns]` or `[rows, columns, channels]`.
+
+    Shades between the thresholds, a gradient in mode scale, are not known to be free: UNKNOWN. Mode raw takes a pixel
+    for the percentage itself, above 100 for unknown, and holds that against the thresholds.
+    """
+    channels = np.atleast_3d(image).astype(np.float64)
+    transparent = np.zeros(image.shape[:2], bool)
+    # Mode trinary averages alpha in with the colours, as map_server always has.
+    if channels.shape[2] == 4 and mode != "trinary":
+        transparent = channels[..., 3] < 255
+        channels = channels[..., :3]
+    shade = channels.mean(axis=2)
+    if mode == "raw":
+        occupancy, unknown = shade / 100.0, shade > 100
+    else:
+        occupancy = (shade if negate else 255.0 - shade) / 255.0
+        unknown = transparent
+    cells = np.where(occupancy > occupied_thresh, OCCUPIED, np.where(occupancy < free_thresh, FREE, UNKNOWN))
+    return np.where(unknown, UNKNOWN, cells).astype(np.uint8)
+
+
+def _read_yaml(path):
+    try:
+        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"map {path} is missing: give the path of a map's yaml file") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"map {path} can't be read ({reason}): give the yaml file of a ROS map_server map") from None
+    if not isinstance(fields, dict):
+        raise ValueError(f"map {path} holds no fields: give the yaml file of a ROS map_server map")
+    return fields
+
+
+def _read_image(path, fields):
+    name = _field(path, fields, "image")
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"map {path}: image is {name!r}: give the path of the map's image")
+    file = path.parent / name
+    if not file.is_file():
+        raise ValueError(f"map {path}: image {file} is missing: put it there or correct the field image")
+    try:
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # larger than OpenCV takes
+        image = None
+    if image is None:
+        raise ValueError(f"map {path}: image {file} can't be read: save it as pgm or png")
+    if image.dtype != np.uint8:
+        raise ValueError(
+            f"map {path}: image {file} has {8 * image.itemsize} bits a channel, but free_thresh and occupied_thresh "
+            "are for 8: save it with 8"
+        )
+    return image
+
+
+def _field(path, fields, name):
+    if name not in fields:
+        raise ValueError(f"map {path} has no field {name}: add it, as ROS map_server requires")
+    return fields[name]
+
+
+def _number(path, fields, name):
+    return _finite(path, name, _field(path, fields, name))
+
+
+def _origin(path, fields):
+    origin = _field(path, fields, "origin")
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise ValueError(f"map {path}: origin is {origin!r}: give [x, y, yaw], metres and radians")
+    x, y, yaw = (_finite(path, "origin", value) for value in origin)
+    return x, y, yaw
+
+
+def _finite(path, name, value):
+    try:
+        # PyYAML takes 5e-2, without a decimal point, for a string; map_server for a number.
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"map {path}: {name} is {value!r}: give a finite number")
+    return number

@@ -1,0 +1,122 @@
+"""Scripted robots: they get where they want to when nobody is there, and words are worth something when somebody is."""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.training.evaluation import episode_keys
+from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
+from jaxnav.world.types import NONE, STOP
+
+ROBOTS = (straight_line, orca_robot, planner)
+BOTH, DEAF, MUTED, NEITHER = Tongue(True, True), Tongue(False, True), Tongue(True, False), Tongue(False, False)
+HARD = (*SUITES["hard"], *SUITES["hard-laser"])
+STEPS = 100
+BLOCK = 500
+
+
+class Played(NamedTuple):
+    """How episodes ended, and the first request that counted; leaves `[episodes]`."""
+
+    arrived: np.ndarray
+    hit_pedestrian: np.ndarray
+    hit_wall: np.ndarray
+    request: np.ndarray
+
+
+@functools.cache
+def _program(names, pedestrians):
+    """`BLOCK` episodes in one of these scenes, by a scripted robot: one program for all robots."""
+    world = World(WorldConfig(scenes=names, pedestrians=pedestrians))
+
+    def episode(key, robot, tongue, scene, alone, params):
+        key_reset, key_steps = jax.random.split(key)
+        state = world.reset(key_reset, params, scene)
+        state = state.replace(pedestrians=state.pedestrians.replace(present=state.pedestrians.present & ~alone))
+
+        def step(carry, key):
+            state, played, over = carry
+            branches = [functools.partial(one, world=world, params=params) for one in ROBOTS]
+            action = jax.lax.switch(robot, branches, tongue, state)
+            state, outcome = world.step(key, state, action, params)
+            now = Played(
+                arrived=played.arrived | (outcome.arrived & ~over),
+                hit_pedestrian=played.hit_pedestrian | (outcome.hit_pedestrian & ~over),
+                hit_wall=played.hit_wall | (outcome.collided & ~outcome.hit_pedestrian & ~over),
+                request=jnp.where(over | (played.request != NONE), played.request, outcome.requested),
+            )
+            return (state, now, over | outcome.terminated), None
+
+        no = jnp.bool_(False)
+        start = state, Played(no, no, no, jnp.int32(NONE)), no
+        return jax.lax.scan(step, start, jax.random.split(key_steps, STEPS))[0][1]
+
+    return jax.jit(jax.vmap(episode, in_axes=(0, None, None, None, None, None)))
+
+
+@functools.cache
+def played(robot, name, tongue=BOTH, alone=False, episodes=BLOCK):
+    """`Played` by that robot in that scene, among its people or without any."""
+    crowded = SCENES[name].crowd not in (None, (1, 1))
+    names = tuple(one for one in SCENES if (SCENES[one].crowd not in (None, (1, 1))) == crowded)
+    program = _program(names, 8 if crowded else 1)
+    params = jax.tree.map(np.float32, default_params((name,)))
+    rest = ROBOTS.index(robot), Tongue(*map(np.bool_, tongue)), names.index(name), np.bool_(alone), params
+    blocks = [
+        jax.device_get(program(episode_keys(0, first + jnp.arange(BLOCK)), *rest))
+        for first in range(0, episodes, BLOCK)
+    ]
+    return Played(*(np.concatenate(leaves) for leaves in zip(*blocks, strict=True)))
+
+
+def success(*arguments, **settings):
+    return played(*arguments, **settings).arrived.mean()
+
+
+@pytest.mark.parametrize("name", SUITES["hard"])
+def test_a_straight_line_at_full_speed_fails_in_four_episodes_of_ten(name):
+    assert success(straight_line, name) <= 0.6
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_alone_they_arrive(name):
+    """Through doors and around corners too; a straight line does where the way is straight, and around no corner."""
+    assert success(planner, name, alone=True) == 1.0
+    assert success(orca_robot, name, alone=True) == 1.0
+    if not name.startswith("doorway"):  # in which it gets through the door, or doesn't
+        assert success(straight_line, name, alone=True) == (SCENES[name].passage is None)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_an_orca_robot_never_drives_into_a_wall(name):
+    assert not played(orca_robot, name).hit_wall.any()
+
+
+def test_an_orca_robot_avoids_people_better_than_a_straight_line():
+    line, orca = played(straight_line, "square"), played(orca_robot, "square")
+    assert orca.hit_pedestrian.mean() < line.hit_pedestrian.mean() - 0.2
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_words_are_worth_five_points_in_every_hard_scene(name, full):
+    """The planner beside the same without ears, and without a voice; the same episodes for all three."""
+    episodes = 10_000 if full else BLOCK
+    best = success(planner, name, episodes=episodes)
+    assert best >= success(planner, name, DEAF, episodes=episodes) + 0.05
+    assert best >= success(planner, name, MUTED, episodes=episodes) + 0.05
+
+
+@pytest.mark.parametrize("name", ["square", "narrow", "corner", "crossflow"])
+def test_only_those_with_a_voice_ask(name):
+    """Around a corner to stop; otherwise what fits."""
+    assert np.mean(played(planner, name).request != NONE) > 0.3
+    for robot, tongue in ((planner, MUTED), (orca_robot, BOTH), (straight_line, BOTH)):
+        assert not np.any(played(robot, name, tongue).request)
+    if SCENES[name].passage:
+        asked = played(planner, name).request
+        assert np.mean(asked[asked != NONE] == STOP) > 0.9
