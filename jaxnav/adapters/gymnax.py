@@ -1,0 +1,63 @@
+"""The world as a gymnax environment, with the signature and the spaces of gymnax 1.0."""
+
+# gymnax may be missing here, and annotates less than it takes.
+# pyright: reportMissingImports=none, reportArgumentType=none
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+try:
+    from gymnax.environments import environment, spaces
+except ImportError as error:
+    raise ImportError('jaxnav.adapters.gymnax needs gymnax: pip install "gymnax>=1.0" six') from error
+
+from ..world import Action, Params, World, WorldConfig
+from ..world.types import REQUESTS
+from .observation import flat, shapes
+
+
+class GymnaxWorld(environment.Environment):
+    """``reset(key, params)`` -> obs, state; ``step(key, state, action, params)`` -> obs, state, reward, terminated,
+    truncated, info; params are `Params`, and the state is a `State`.
+
+    An observation is the vector of `jaxnav.adapters.observation.flat`, an action a pair (twist `[2]` in [-1, 1], code).
+    gymnax's ``step`` resets an ended episode; ``info["final_observation"]`` is the last one before that. As gymnax has
+    it, an episode that ends by itself in its last step is both terminated and truncated. ``info`` has the events of the
+    step. ``with_transition_gradients()`` gives a copy whose observations and states keep their gradients.
+    """
+
+    _supports_transition_gradients = True
+
+    def __init__(self, config: WorldConfig = WorldConfig()):
+        self.world = World(config)
+
+    @property
+    def default_params(self):
+        return Params()
+
+    def reset_env(self, key, params):
+        state = self.world.reset(key, params)
+        return self.observe(key, state, None, params), state
+
+    def step_env(self, key, state, action: tuple[jax.Array, jax.Array], params):
+        twist, code = action
+        state, outcome = self.world.step(key, state, Action(twist=twist, code=code), params)
+        observation = self.observe(key, state, action, params)
+        observation, state = self._apply_transition_gradient_policy(observation, state)
+        info = {name: outcome[name] for name in ("arrived", "collided", "hit_pedestrian")}
+        return observation, state, outcome.reward, outcome.terminated, info
+
+    def observe(self, key, state, action, params):
+        del key, action  # sensor noise included, an observation is a function of the state
+        return flat(self.world.observe(state, params), params)
+
+    def is_truncated(self, state, params):
+        return state.t >= params.max_steps
+
+    def action_space(self, params):
+        return spaces.Tuple((spaces.Box(-1.0, 1.0, (2,)), spaces.Discrete(len(REQUESTS))))
+
+    def observation_space(self, params):
+        return spaces.Box(-jnp.inf, jnp.inf, (sum(math.prod(shape) for shape in shapes(self.world).values()),))
