@@ -1,0 +1,194 @@
+"""What words are worth: a planner that uses the dialogue beside its deaf and its muted twin, in every scene.
+
+python experiments/value_of_dialogue.py --help
+"""
+
+import dataclasses
+import json
+import math
+import pathlib
+import sys
+import time
+
+import jax
+import jax.numpy as jnp
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.errors import UserError
+from jaxnav.training.evaluation import episode_keys, wilson_interval
+from jaxnav.training.provenance import provenance
+from jaxnav.training.rollout import play
+from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
+
+RESULTS = pathlib.Path(__file__).parent / "results"
+BLOCK = 1000  # episodes played at once
+TWINS = {"planner": (True, True), "deaf": (False, True), "muted": (True, False), "deaf and muted": (False, False)}
+ROBOTS = (*TWINS, "ORCA", "straight line")
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Play scripted robots in every scene and write what their words are worth.
+
+    Writes value_of_dialogue.json, .md and .png. A scene that the JSON file holds already, played with as many episodes
+    and the same seed by the same commit, is not played again: an interrupted study goes on where it was.
+
+    Args:
+        scenes: scenes to play; all of them if none is named.
+        episodes: of each robot in each scene; rounded up to thousands.
+        seed: of the episodes, the same for all robots.
+        out: folder of the results.
+    """
+
+    scenes: tuple[str, ...] = ()
+    episodes: int = 10_000
+    seed: int = 0
+    out: pathlib.Path = RESULTS
+
+    def __post_init__(self):
+        for name in self.scenes:
+            if name not in SCENES:
+                raise UserError(f"--scenes names {name!r}: choose from {', '.join(SCENES)}")
+        if not 1 <= self.episodes <= 1_000_000:
+            raise UserError(f"--episodes is {self.episodes}: give a whole number from 1 to 1000000")
+        if not 0 <= self.seed < 2**32:
+            raise UserError(f"--seed is {self.seed}: give a whole number from 0 to {2**32 - 1}")
+
+
+def play_scene(name, episodes, seed, advance):
+    """Success, collisions and time-outs of every robot in one scene, by name."""
+    pedestrians = (SCENES[name].crowd or (1, 1))[1]
+    world, params = World(WorldConfig(scenes=(name,), pedestrians=pedestrians)), default_params((name,))
+    limit = math.ceil(params.max_steps)
+
+    def program(policy):
+        def block(tongue, first):
+            keys = episode_keys(seed, first + jnp.arange(BLOCK))
+            return play(world, params, policy, tongue, keys, jnp.zeros(BLOCK, jnp.int32), limit)
+
+        return jax.jit(block)
+
+    plan, programs = program(planner), {"ORCA": program(orca_robot), "straight line": program(straight_line)}
+    rows = {}
+    for robot in ROBOTS:
+        tongue = Tongue(*map(jnp.bool_, TWINS.get(robot, (False, False))))
+        counts = dict.fromkeys(("arrived", "collided", "hit_pedestrian", "truncated"), 0)
+        for first in range(0, episodes, BLOCK):
+            summary = jax.device_get(programs.get(robot, plan)(tongue, first))
+            counts = {field: count + int(getattr(summary, field).sum()) for field, count in counts.items()}
+            advance()
+        played = math.ceil(episodes / BLOCK) * BLOCK
+        rows[robot] = {
+            "success": counts["arrived"] / played,
+            "success_ci95": wilson_interval(counts["arrived"], played),
+            "collision": counts["collided"] / played,
+            "human_collision": counts["hit_pedestrian"] / played,
+            "timeout": counts["truncated"] / played,
+        }
+    return rows
+
+
+def study(options):
+    """Play what is missing, and write all three files after every scene."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / "value_of_dialogue.json"
+    result = {
+        "command": "python experiments/value_of_dialogue.py", "episodes": math.ceil(options.episodes / BLOCK) * BLOCK,
+        "seed": options.seed, **provenance(), "scenes": {},
+    }  # fmt: skip
+    if path.exists():
+        before = json.loads(path.read_text())
+        if all(before[field] == result[field] for field in ("episodes", "seed", "git_commit")):
+            result["scenes"] = before["scenes"]
+    names = options.scenes or tuple(SCENES)
+    missing = [name for name in names if name not in result["scenes"]]
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=len(missing) * len(ROBOTS) * math.ceil(options.episodes / BLOCK))
+        for name in missing:
+            bar.update(task, description=name)
+            start = time.monotonic()
+            rows = play_scene(name, options.episodes, options.seed, lambda: bar.advance(task))
+            result["scenes"][name] = {"robots": rows, "wall_seconds": round(time.monotonic() - start, 1)}
+            result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
+            path.write_text(json.dumps(result, indent=1) + "\n")
+    (options.out / "value_of_dialogue.md").write_text(table(result))
+    draw(result, options.out / "value_of_dialogue.png")
+    return result
+
+
+def table(result):
+    """The result as Markdown."""
+    lines = [
+        f"Success of scripted robots, {result['episodes']:,} episodes a scene, seed {result['seed']}; 95 % Wilson "
+        "intervals are in the JSON file.", "",
+        f"| scene | {' | '.join(ROBOTS)} | hearing is worth | speaking is worth |", f"|{'---|' * (len(ROBOTS) + 3)}",
+    ]  # fmt: skip
+    for name, scene in result["scenes"].items():
+        success = {robot: row["success"] for robot, row in scene["robots"].items()}
+        worth = [100 * (success["planner"] - success[twin]) for twin in ("deaf", "muted")]
+        cells = [*(f"{success[robot]:.3f}" for robot in ROBOTS), *(f"{points:+.1f} points" for points in worth)]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(result, path):
+    """Success of every robot, a panel a suite, with intervals."""
+    from matplotlib.figure import Figure
+
+    from jaxnav.render import palette
+
+    suites = [names for names in SUITES.values() if any(name in result["scenes"] for name in names)]
+    figure = Figure(figsize=(4.2 * len(suites), 3.6), layout="constrained")
+    colours = dict(
+        zip(
+            ROBOTS,
+            (palette.GOAL, palette.LASER, palette.ENCOUNTER, palette.PEDESTRIAN, palette.FAINT_INK, palette.OUTSIDE),
+            strict=True,
+        )
+    )
+    for axes, names in zip(figure.subplots(1, len(suites), sharey=True, squeeze=False)[0], suites, strict=True):
+        names = [name for name in names if name in result["scenes"]]
+        for k, robot in enumerate(ROBOTS):
+            rows = [result["scenes"][name]["robots"][robot] for name in names]
+            heights = [row["success"] for row in rows]
+            spread = [
+                [h - row["success_ci95"][0] for h, row in zip(heights, rows, strict=True)],
+                [row["success_ci95"][1] - h for h, row in zip(heights, rows, strict=True)],
+            ]
+            at = [i + (k - 2.5) * 0.14 for i in range(len(names))]
+            axes.bar(
+                at,
+                heights,
+                0.13,
+                yerr=spread,
+                color=colours[robot],
+                label=robot,
+                ecolor=palette.INK,
+                error_kw={"lw": 0.8},
+            )
+        axes.set_xticks(range(len(names)), names)
+        axes.set_ylim(0.0, 1.0)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="y", color=palette.OUTSIDE)
+        axes.set_axisbelow(True)
+    first = figure.axes[0]
+    first.set_ylabel("success")
+    figure.legend(*first.get_legend_handles_labels(), loc="outside upper center", ncols=len(ROBOTS), frameon=False)
+    figure.savefig(path, dpi=150)
+
+
+def main(arguments=None):
+    """Entry point; exits with 2 after an error that the user can mend."""
+    try:
+        options = tyro.cli(Options, args=arguments, prog="python experiments/value_of_dialogue.py")
+        print(table(study(options)), end="")
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()
