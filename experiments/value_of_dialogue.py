@@ -100,9 +100,14 @@ def study(options):
         "seed": options.seed, **provenance(), "scenes": {},
     }  # fmt: skip
     if path.exists():
-        before = json.loads(path.read_text())
-        if all(before[field] == result[field] for field in ("episodes", "seed", "git_commit")):
-            result["scenes"] = before["scenes"]
+        try:
+            before = json.loads(path.read_text())
+            # The mark of uncommitted changes is left out: the file itself is one, once it is committed.
+            identity = [(r["episodes"], r["seed"], str(r["git_commit"]).rstrip("+")) for r in (before, result)]
+            if identity[0] == identity[1]:
+                result["scenes"] = before["scenes"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
     names = options.scenes or tuple(SCENES)
     missing = [name for name in names if name not in result["scenes"]]
     with Progress(console=Console(stderr=True)) as bar:
@@ -113,7 +118,9 @@ def study(options):
             rows = play_scene(name, options.episodes, options.seed, lambda: bar.advance(task))
             result["scenes"][name] = {"robots": rows, "wall_seconds": round(time.monotonic() - start, 1)}
             result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
-            path.write_text(json.dumps(result, indent=1) + "\n")
+            whole = path.with_suffix(".new")
+            whole.write_text(json.dumps(result, indent=1) + "\n")
+            whole.replace(path)  # an interruption leaves the old file or the new one
     (options.out / "value_of_dialogue.md").write_text(table(result))
     draw(result, options.out / "value_of_dialogue.png")
     return result

@@ -147,3 +147,12 @@ def test_bad_options_end_in_one_line_and_exit_code_2(tmp_path, played, capsys, o
     assert (printed.out, played) == ("", [])
     assert printed.err.startswith(message) and printed.err.count("\n") == 1
     assert not (tmp_path / "new").exists()
+
+
+def test_a_damaged_file_of_results_is_named_and_kept(tmp_path, played, capsys):
+    (tmp_path / "value_of_dialogue.json").write_text("{}")
+    with pytest.raises(SystemExit) as stop:
+        program.main(["--scenes", "narrow", "--out", str(tmp_path)])
+    assert stop.value.code == 2
+    assert "value_of_dialogue.json is no result" in capsys.readouterr().err
+    assert (tmp_path / "value_of_dialogue.json").read_text() == "{}"
