@@ -26,10 +26,9 @@ WORLDS = {
         scenes=(*SUITES["hard"], *SUITES["hard-laser"]), pedestrians=8, nearest=2, max_neighbors=4, beams=45,
         reward="text", observation=OBSERVATION_PARTS, scan_noise=True,
     ),
-    "a full square": WorldConfig(scenes=("square",), pedestrians=64, beams=20, max_neighbors=2, body="legs"),
-    "crowded corridors": WorldConfig(
-        scenes=("hallway", "crosswalk"), pedestrians=16, nearest=20, max_neighbors=3, wall_neighbors=2, hearing=False,
-        control_delay=1, observation=("pedestrians", "dialogue", "pedestrian_map"), swept_collisions=False,
+    "a full square": WorldConfig(
+        scenes=("square",), pedestrians=64, nearest=70, max_neighbors=2, wall_neighbors=2, hearing=False,
+        observation=("pedestrians", "dialogue", "pedestrian_map"), swept_collisions=False, control_delay=1,
     ),
 }  # fmt: skip
 # The generated code runs for milliseconds: there is no point in optimising it for seconds.
