@@ -3,6 +3,7 @@
 Everything is per pedestrian; only `address` looks at all of them. Source: docs/world.md section 6.
 """
 
+import jax
 import jax.numpy as jnp
 
 from .geometry import closest_approach, cross2d, norm, unit
@@ -151,7 +152,10 @@ def _gate(px, py, pedestrian, robot, params):
 def _walking_direction(pedestrian):
     """Unit vector toward where the pedestrian walks to: it has one even while standing."""
     x, y = pedestrian.target()
-    return unit(x - pedestrian.x, y - pedestrian.y)
+    x, y = x - pedestrian.x, y - pedestrian.y
+    # Who stands on its target walks nowhere: rounding must not become the gradient of a direction.
+    arrived = x * x + y * y <= 1e-12
+    return tuple(jnp.where(arrived, jax.lax.stop_gradient(u), u) for u in unit(x, y))
 
 
 def _is_crossing(robot, ux, uy):
