@@ -124,14 +124,15 @@ def _search(walls):
         count = len(planes)
         wanted = _shrink(preferred_vx, preferred_vy, max_speed)
         violated = functools.reduce(jnp.logical_or, [plane.violation(*wanted) > 0 for plane in planes])
-        found = jnp.zeros(violated.shape, jnp.int32)
-        found = _decide_rows(violated, found, _first_program, planes, preferred_vx, preferred_vy, max_speed)
-        left, decision = found // _decisions(count), found % _decisions(count)
+        none = jnp.zeros(violated.shape, jnp.int32)
+        first = functools.partial(_nearest_program, direction_only=False)
+        arguments = planes, *wanted, preferred_vx, preferred_vy, max_speed
+        failed_at, vx, vy, decision = _decide_rows(violated, (none + count, *wanted, none), first, *arguments)
         if count == walls:
             return decision
         fallback = functools.partial(_fallback_program, walls)
-        arguments = planes, preferred_vx, preferred_vy, max_speed, count - left, decision
-        return _decide_rows(left > 0, decision, fallback, *arguments)
+        arguments = planes, max_speed, failed_at, vx, vy, decision
+        return _decide_rows(failed_at < count, decision, fallback, *arguments)
 
     @search.def_vmap
     def _(axis_size, in_batched, *arguments):
@@ -157,7 +158,8 @@ def _decide_rows(needed, decision, program, *arguments):
         done, decision = carry
         at = jax.lax.dynamic_slice_in_dim(order, done, rows)
         some = jax.tree.map(lambda leaf: leaf.at[at].get(mode="clip"), arguments)
-        return done + rows, decision.at[at].set(program(*some), mode="drop")
+        decided = jax.tree.map(lambda old, new: old.at[at].set(new, mode="drop"), decision, program(*some))
+        return done + rows, decided
 
     return jax.lax.while_loop(lambda carry: carry[0] < total, decide, (jnp.int32(0), decision))[1]
 
@@ -167,18 +169,10 @@ def _decisions(count):
     return (count + 1) * (count + _BOUNDS)
 
 
-def _first_program(planes, preferred_vx, preferred_vy, max_speed):
-    """The program from the preferred velocity: decision + `_decisions` * how many planes were left when it failed."""
-    count = len(planes)
-    start = _shrink(preferred_vx, preferred_vy, max_speed)
-    failed_at, decision = _nearest_program(planes, start, preferred_vx, preferred_vy, max_speed, direction_only=False)
-    return (count - failed_at) * _decisions(count) + decision
-
-
-def _nearest_program(planes, start, target_x, target_y, max_speed, direction_only):
+def _nearest_program(planes, start_vx, start_vy, target_x, target_y, max_speed, direction_only):
     """RVO2's linearProgram2: planes one after the other.
 
-    Returns (index of the plane that failed or their number, decision).
+    Returns (index of the plane that failed or their number, velocity, decision).
     """
     count = len(planes)
     stacked = HalfPlane(*(jnp.stack(field) for field in zip(*planes, strict=True)))
@@ -204,10 +198,10 @@ def _nearest_program(planes, start, target_x, target_y, max_speed, direction_onl
             jnp.where(moves, new_end, end),
         ), None
 
-    none = jnp.zeros(start[0].shape, jnp.int32)
+    none = jnp.zeros(start_vx.shape, jnp.int32)
     indices = jnp.arange(count, dtype=jnp.int32)
-    carry = jax.lax.scan(add, (*start, none + count, none, none), (indices, stacked))[0]
-    _, _, failed_at, line_number, end = carry
+    carry = jax.lax.scan(add, (start_vx, start_vy, none + count, none, none), (indices, stacked))[0]
+    vx, vy, failed_at, line_number, end = carry
     # Which plane ends the interval is asked only once, of the line that decided.
     line = _pick(planes, line_number - 1)
     low, high, _ = _chord(line, max_speed)
@@ -216,7 +210,7 @@ def _nearest_program(planes, start, target_x, target_y, max_speed, direction_onl
     by_high = jnp.where(jnp.min(lowered, axis=0) < high, _BOUNDS + jax.lax.argmin(lowered, 0, jnp.int32), _HIGH)
     by_low = jnp.where(jnp.max(raised, axis=0) > low, _BOUNDS + jax.lax.argmax(raised, 0, jnp.int32), _LOW)
     bound = jnp.where(end == _HIGH, by_high, jnp.where(end == _LOW, by_low, _FREE))
-    return failed_at, line_number * (count + _BOUNDS) + bound
+    return failed_at, vx, vy, line_number * (count + _BOUNDS) + bound
 
 
 def _interval(planes, i, line, max_speed):
@@ -238,11 +232,10 @@ def _cuts(planes, i, line):
     return t, cuts & (sine >= 0), cuts & (sine < 0), counts & parallel & (offset < 0)
 
 
-def _fallback_program(walls, planes, preferred_vx, preferred_vy, max_speed, failed_at, decision):
+def _fallback_program(walls, planes, max_speed, failed_at, vx, vy, decision):
     """RVO2's linearProgram3: decisions `[B]` that violate agents' planes least, walls staying hard."""
     count = len(planes)
     agents = HalfPlane(*(jnp.stack(field) for field in zip(*planes[walls:], strict=True)))
-    vx, vy = _decided_velocity(decision, walls, planes, preferred_vx, preferred_vy, max_speed)
 
     def relax(carry, index_and_line):
         worst, vx, vy, _ = carry
@@ -256,11 +249,11 @@ def _fallback_program(walls, planes, preferred_vx, preferred_vy, max_speed, fail
             direction = -line.dy, line.dx
             start = direction[0] * max_speed, direction[1] * max_speed
             every = planes[:walls] + bisectors
-            fails_at, new = _nearest_program(every, start, *direction, max_speed, direction_only=True)
+            fails_at, *new, end = _nearest_program(every, *start, *direction, max_speed, direction_only=True)
             # Failing here is rounding: the velocity at hand is on the border already, so it is kept, as in RVO2.
             replace = relevant & (fails_at == count)
-            decision = jnp.where(replace, new + (index + 1) * _decisions(count), decision)
-            vx, vy = _decided_velocity(decision, walls, planes, preferred_vx, preferred_vy, max_speed)
+            decision = jnp.where(replace, end + (index + 1) * _decisions(count), decision)
+            vx, vy = jnp.where(replace, new[0], vx), jnp.where(replace, new[1], vy)
             return jnp.where(relevant, line.violation(vx, vy), worst), vx, vy, decision
 
         return jax.lax.cond(jnp.any(relevant), improve, lambda carry: carry, carry), None
