@@ -82,19 +82,23 @@ def wall_half_planes(walls, vx, vy, radius, time_horizon):
     Walls don't move, so the whole effort is the agent's: its disc stays clear of them for ``time_horizon`` seconds. A
     wall whose velocity obstacle lies within what the ones before it forbid adds nothing.
     """
+    # A loop compiles once for all of them: it is the longest piece of a step.
+    stacked = NearWall(*(jnp.stack(field) for field in zip(*walls, strict=True)))
+    stacked = jax.lax.map(lambda wall: _wall_half_plane(wall, vx, vy, radius, time_horizon), stacked)
     planes = []
-    for wall in walls:
+    for i, wall in enumerate(walls):
         covered = jnp.bool_(False)
         for plane in planes:
             beyond_a = cross2d(wall.ax / time_horizon - plane.x, wall.ay / time_horizon - plane.y, plane.dx, plane.dy)
             beyond_b = cross2d(wall.bx / time_horizon - plane.x, wall.by / time_horizon - plane.y, plane.dx, plane.dy)
             beyond = jnp.minimum(beyond_a, beyond_b) - radius / time_horizon
             covered |= plane.active & (beyond >= -_ROUNDING)
-        planes.append(_wall_half_plane(wall, vx, vy, radius, time_horizon, wall.active & ~covered))
+        plane = HalfPlane(*(field[i] for field in stacked))
+        planes.append(plane._replace(active=plane.active & ~covered))
     return planes
 
 
-def _wall_half_plane(wall, vx, vy, radius, time_horizon, active):
+def _wall_half_plane(wall, vx, vy, radius, time_horizon):
     """`HalfPlane` of one wall: RVO2's cases one after the other.
 
     Facing the wall, b is its left end and a its right one. A reflex vertex of the free space is a convex one of the
@@ -124,7 +128,7 @@ def _wall_half_plane(wall, vx, vy, radius, time_horizon, active):
     touch_y = jnp.where(touches_left | touches_right, away_y, -ey)
     # What a neighbouring wall takes care of is left to it.
     of_neighbor = ~right_convex | (cross2d(rx, ry, right_neighbor_x, right_neighbor_y) < 0)
-    active &= ~((touches_left & ~left_convex) | (touches_right & of_neighbor))
+    active = wall.active & ~((touches_left & ~left_convex) | (touches_right & of_neighbor))
 
     # Seen so obliquely that one end hides the rest: the velocity obstacle is that of the end.
     only_left = (s < 0) & (line_squared <= radius_squared)
