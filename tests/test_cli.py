@@ -18,6 +18,9 @@ from jaxnav.training.config import Hyperparameters, RunConfig, TrainConfig
 from jaxnav.training.run import Run
 from jaxnav.world import Params, WorldConfig
 
+# One worker trains what they all look at.
+pytestmark = pytest.mark.xdist_group("cli")
+
 # The smallest run worth interrupting: 12 chunks, each evaluated and saved.
 SIZES = {
     "scene": "square", "world.beams": 16, "world.params.max-steps": 12, "agent.actor-widths": 16,
@@ -33,19 +36,12 @@ def sized(**changes):
 
 
 @pytest.fixture(scope="module")
-def environment(tmp_path_factory):
-    """Processes share what they compile, and nothing with the user's own cache."""
-    cache = tmp_path_factory.getbasetemp() / "xla-cli"
-    return os.environ | {"JAX_PLATFORMS": "cpu", "JAX_COMPILATION_CACHE_DIR": str(cache)}
-
-
-@pytest.fixture(scope="module")
-def jaxnav(environment):
+def jaxnav():
     """Runs the command in a process of its own."""
 
     def run(*arguments, **options):
         command = [sys.executable, "-m", "jaxnav.cli", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240, **options)
+        return subprocess.run(command, capture_output=True, text=True, timeout=240, **options)
 
     return run
 
@@ -121,14 +117,14 @@ def test_what_cannot_be_done_is_one_line_and_exit_code_2(capsys, tmp_path, monke
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-def test_a_process_ends_with_that_line_too(environment, tmp_path, encoding):
+def test_a_process_ends_with_that_line_too(tmp_path, encoding):
     """In every terminal: what the parser of options draws in boxes or, where there are none, in ASCII."""
     for arguments, said in (
         (["--scene", "moon"], "scene 'moon' is unknown: choose"),
         (["--train.episodes", "0"], "train.episodes is 0: give a whole number of at least 1"),
     ):
         command = [sys.executable, "-m", "jaxnav.cli", "train", *arguments]
-        environment = environment | {"PYTHONIOENCODING": encoding}
+        environment = os.environ | {"PYTHONIOENCODING": encoding}
         done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
         assert (done.returncode, done.stdout) == (2, "")
         assert re.fullmatch(rf"error: {said}[^\n]+\n", done.stderr), done.stderr
@@ -216,11 +212,9 @@ def test_render_draws_the_pictures_again(jaxnav, trained, tmp_path):
 class Interruptible:
     """A training process whose lines on stderr are read as they come."""
 
-    def __init__(self, environment, *arguments):
+    def __init__(self, *arguments):
         command = [sys.executable, "-m", "jaxnav.cli", "train", *map(str, arguments)]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
-        )
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
     def stop(self, number, chunks):
         """Send the signal once ``chunks`` lines of progress were printed; (exit code, what was printed after)."""
@@ -234,15 +228,15 @@ class Interruptible:
         return self.process.returncode, rest
 
 
-def test_a_run_interrupted_in_every_way_ends_like_one_never_touched(environment, jaxnav, trained, tmp_path):
+def test_a_run_interrupted_in_every_way_ends_like_one_never_touched(jaxnav, trained, tmp_path):
     """kill -9, Ctrl-C and SIGTERM, each followed by --resume: the same parameters and the same lines, bit for bit."""
     folder = tmp_path / "run"
     arguments = [*sized(), "--out", folder]
-    code, rest = Interruptible(environment, *arguments).stop(signal.SIGKILL, chunks=3)
+    code, rest = Interruptible(*arguments).stop(signal.SIGKILL, chunks=3)
     assert code == -signal.SIGKILL
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
         saved = Run.open(folder)
-        stopped, rest = Interruptible(environment, *arguments, "--resume").stop(number, chunks=2)
+        stopped, rest = Interruptible(*arguments, "--resume").stop(number, chunks=2)
         assert stopped == code
         assert "Traceback" not in rest
         assert f"--resume --out {folder}" in rest
@@ -311,7 +305,7 @@ def test_a_damaged_checkpoint_is_one_line(jaxnav, trained, tmp_path, command):
     assert content(folder) == before
 
 
-def test_a_disk_that_fills_up_is_one_line_and_the_older_checkpoints_stay(environment, trained, tmp_path):
+def test_a_disk_that_fills_up_is_one_line_and_the_older_checkpoints_stay(trained, tmp_path):
     """No file may grow beyond 40 kB, which the checkpoints of this run do: writing fails like on a full disk."""
     folder = tmp_path / "run"
     code = (
@@ -323,7 +317,7 @@ def test_a_disk_that_fills_up_is_one_line_and_the_older_checkpoints_stay(environ
     shutil.copytree(trained[0], folder)
     shutil.rmtree(folder / "checkpoints" / "step_60")
     command = [sys.executable, "-c", code, "train", *sized(), "--resume", "--out", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     error = done.stderr.splitlines()[-1]

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.experimental.compilation_cache import compilation_cache
 
 from jaxnav.agents.hsac import HSACConfig
 from jaxnav.agents.scripted import straight_line
@@ -16,23 +15,6 @@ from jaxnav.training.config import RunConfig, TrainConfig, WorldSettings, resolv
 from jaxnav.training.rollout import record
 from jaxnav.training.run import Run
 from jaxnav.world import Action, Params, World, WorldConfig
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _compile_once(tmp_path_factory):
-    """What one test compiled, the others load: every `Run` has functions of its own under ``jit``."""
-    values = {
-        "jax_compilation_cache_dir": str(tmp_path_factory.getbasetemp() / "xla"),
-        "jax_persistent_cache_min_compile_time_secs": 0.1,
-    }
-    before = {name: jax.config.values[name] for name in values}
-    for name, value in values.items():
-        jax.config.update(name, value)
-    compilation_cache.reset_cache()
-    yield
-    for name, value in before.items():
-        jax.config.update(name, value)
-    compilation_cache.reset_cache()
 
 
 @pytest.fixture(scope="session", autouse=True)
