@@ -5,30 +5,24 @@ python experiments/plan_by_gradient.py --help
 
 import dataclasses
 import functools
-import json
 import math
 import pathlib
-import sys
-import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
+import scene_study
 from gradient_plans import plan
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.progress import Progress
 
 from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
 from jaxnav.render import palette
 from jaxnav.training.evaluation import episode_keys, wilson_interval
-from jaxnav.training.provenance import provenance
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
-RESULTS = pathlib.Path(__file__).parent / "results"
+PROGRAM = "plan_by_gradient"
 BLOCK = 50  # episodes planned at once
 PLAN, STARTS = "plan by gradient", "best of its starts"
 SCRIPTED = {
@@ -70,19 +64,13 @@ class Options:
     steps: int = 60
     rate: float = 0.02
     seed: int = 0
-    out: pathlib.Path = RESULTS
+    out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
-        for name in self.scenes:
-            if name not in SCENES:
-                raise UserError(f"--scenes names {name!r}: choose from {', '.join(SCENES)}")
-        for name, most in (("episodes", 100_000), ("starts", 1000), ("iterations", 100_000), ("steps", 100)):
-            if not 1 <= getattr(self, name) <= most:
-                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from 1 to {most}")
+        limits = ("episodes", 1, 100_000), ("starts", 1, 1000), ("iterations", 1, 100_000), ("steps", 1, 100)
+        scene_study.check_options(self, [*limits, ("seed", 0, 2**32 - 1)])
         if not 0 < self.rate <= 1:
             raise UserError(f"--rate is {self.rate}: give a number above 0, at most 1")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"--seed is {self.seed}: give a whole number from 0 to {2**32 - 1}")
 
 
 @functools.cache
@@ -130,7 +118,7 @@ def play_scene(name, options, advance):
     """What every robot comes to in one scene, by name, and how plans get better, `[iterations + 1]` each."""
     (world, scene), params = world_of(name), default_params((name,))
     found = {}
-    for robot, program in programs(world, dataclasses.replace(options, scenes=(), out=RESULTS)).items():
+    for robot, program in programs(world, dataclasses.replace(options, scenes=(), out=scene_study.RESULTS)).items():
         blocks = []
         for first in range(0, options.episodes, BLOCK):
             keys = episode_keys(options.seed, first + jnp.arange(BLOCK))
@@ -155,30 +143,16 @@ def _row(arrived, collided, hit, steps):
 
 
 def study(options):
-    """Plan what is missing, and write all three files after every scene."""
-    options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "plan_by_gradient.json"
+    """Plan what is missing, and write all three files."""
     settings = {name: getattr(options, name) for name in ("episodes", "starts", "iterations", "steps", "rate", "seed")}
-    result = {"command": "python experiments/plan_by_gradient.py", "options": settings, **provenance(), "scenes": {}}
-    if path.exists():
-        before = json.loads(path.read_text())
-        if all(before.get(field) == result[field] for field in ("options", "git_commit")):
-            result["scenes"] = before["scenes"]
     names = options.scenes or SUITES["parity"] + SUITES["hard"]
-    missing = [name for name in names if name not in result["scenes"]]
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(missing) * (1 + len(SCRIPTED)) * math.ceil(options.episodes / BLOCK))
-        for name in missing:
-            bar.update(task, description=name)
-            start = time.monotonic()
-            rows, climb = play_scene(name, options, lambda: bar.advance(task))
-            seconds = round(time.monotonic() - start, 1)
-            result["scenes"][name] = {"robots": rows, "by_iteration": climb, "wall_seconds": seconds}
-            result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
-            path.write_text(json.dumps(result, indent=1) + "\n")
-            (options.out / "plan_by_gradient.md").write_text(table(result))
-            draw(result, options.out / "plan_by_gradient.png")
-    return result
+    blocks = (1 + len(SCRIPTED)) * math.ceil(options.episodes / BLOCK)
+
+    def scene(name, advance):
+        rows, climb = play_scene(name, options, advance)
+        return {"robots": rows, "by_iteration": climb}
+
+    return scene_study.study(options.out, PROGRAM, {"options": settings}, names, blocks, scene, table, draw)
 
 
 def table(result):
@@ -234,13 +208,8 @@ def draw(result, path):
 
 
 def main(arguments=None):
-    """Entry point; exits with 2 after an error that the user can mend."""
-    try:
-        options = tyro.cli(Options, args=arguments, prog="python experiments/plan_by_gradient.py")
-        print(table(study(options)), end="")
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    """Entry point."""
+    scene_study.main(Options, study, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -4,26 +4,19 @@ python experiments/value_of_dialogue.py --help
 """
 
 import dataclasses
-import json
 import math
 import pathlib
-import sys
-import time
 
 import jax
 import jax.numpy as jnp
-import tyro
-from rich.console import Console
-from rich.progress import Progress
+import scene_study
 
 from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
-from jaxnav.errors import UserError
 from jaxnav.training.evaluation import episode_keys, wilson_interval
-from jaxnav.training.provenance import provenance
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
-RESULTS = pathlib.Path(__file__).parent / "results"
+PROGRAM = "value_of_dialogue"
 BLOCK = 1000  # episodes played at once
 TWINS = {"planner": (True, True), "deaf": (False, True), "muted": (True, False), "deaf and muted": (False, False)}
 ROBOTS = (*TWINS, "ORCA", "straight line")
@@ -46,16 +39,10 @@ class Options:
     scenes: tuple[str, ...] = ()
     episodes: int = 10_000
     seed: int = 0
-    out: pathlib.Path = RESULTS
+    out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
-        for name in self.scenes:
-            if name not in SCENES:
-                raise UserError(f"--scenes names {name!r}: choose from {', '.join(SCENES)}")
-        if not 1 <= self.episodes <= 1_000_000:
-            raise UserError(f"--episodes is {self.episodes}: give a whole number from 1 to 1000000")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"--seed is {self.seed}: give a whole number from 0 to {2**32 - 1}")
+        scene_study.check_options(self, [("episodes", 1, 1_000_000), ("seed", 0, 2**32 - 1)])
 
 
 def play_scene(name, episodes, seed, advance):
@@ -92,38 +79,15 @@ def play_scene(name, episodes, seed, advance):
 
 
 def study(options):
-    """Play what is missing, and write all three files after every scene."""
-    options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "value_of_dialogue.json"
-    result = {
-        "command": "python experiments/value_of_dialogue.py", "episodes": math.ceil(options.episodes / BLOCK) * BLOCK,
-        "seed": options.seed, **provenance(), "scenes": {},
-    }  # fmt: skip
-    if path.exists():
-        try:
-            before = json.loads(path.read_text())
-            # The mark of uncommitted changes is left out: the file itself is one, once it is committed.
-            identity = [(r["episodes"], r["seed"], str(r["git_commit"]).rstrip("+")) for r in (before, result)]
-            if identity[0] == identity[1]:
-                result["scenes"] = before["scenes"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
+    """Play what is missing, and write all three files."""
+    blocks = math.ceil(options.episodes / BLOCK)
+
+    def scene(name, advance):
+        return {"robots": play_scene(name, options.episodes, options.seed, advance)}
+
+    settings = {"episodes": blocks * BLOCK, "seed": options.seed}
     names = options.scenes or tuple(SCENES)
-    missing = [name for name in names if name not in result["scenes"]]
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(missing) * len(ROBOTS) * math.ceil(options.episodes / BLOCK))
-        for name in missing:
-            bar.update(task, description=name)
-            start = time.monotonic()
-            rows = play_scene(name, options.episodes, options.seed, lambda: bar.advance(task))
-            result["scenes"][name] = {"robots": rows, "wall_seconds": round(time.monotonic() - start, 1)}
-            result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
-            whole = path.with_suffix(".new")
-            whole.write_text(json.dumps(result, indent=1) + "\n")
-            whole.replace(path)  # an interruption leaves the old file or the new one
-    (options.out / "value_of_dialogue.md").write_text(table(result))
-    draw(result, options.out / "value_of_dialogue.png")
-    return result
+    return scene_study.study(options.out, PROGRAM, settings, names, len(ROBOTS) * blocks, scene, table, draw)
 
 
 def table(result):
@@ -188,13 +152,8 @@ def draw(result, path):
 
 
 def main(arguments=None):
-    """Entry point; exits with 2 after an error that the user can mend."""
-    try:
-        options = tyro.cli(Options, args=arguments, prog="python experiments/value_of_dialogue.py")
-        print(table(study(options)), end="")
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    """Entry point."""
+    scene_study.main(Options, study, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import cv2
 import jax
 import numpy as np
 import pytest
+import scene_study
 import value_of_dialogue as program
 
 FILES = ("value_of_dialogue.json", "value_of_dialogue.md", "value_of_dialogue.png")
@@ -35,7 +36,7 @@ def played(monkeypatch):
 
 
 def at_commit(monkeypatch, commit):
-    monkeypatch.setattr(program, "provenance", lambda: {"versions": {}, "git_commit": commit, "device": "none"})
+    monkeypatch.setattr(scene_study, "provenance", lambda: {"versions": {}, "git_commit": commit, "device": "none"})
 
 
 def test_a_scene_is_played_by_all_robots_and_written_three_times(tmp_path, monkeypatch, capsys):

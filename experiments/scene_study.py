@@ -1,0 +1,75 @@
+"""What studies of many scenes share: a file that grows scene by scene and is taken up again, and a command line."""
+
+import json
+import pathlib
+import sys
+import time
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+from jaxnav.errors import UserError
+from jaxnav.training.provenance import provenance
+from jaxnav.world import SCENES
+
+RESULTS = pathlib.Path(__file__).parent / "results"
+
+
+def check_options(options, limits):
+    """UserError if ``options`` names an unknown scene or one of its numbers is out of ``limits``: name, least, most."""
+    for name in options.scenes:
+        if name not in SCENES:
+            raise UserError(f"--scenes names {name!r}: choose from {', '.join(SCENES)}")
+    for name, least, most in limits:
+        if not least <= getattr(options, name) <= most:
+            raise UserError(f"--{name} is {getattr(options, name)}: give a whole number from {least} to {most}")
+
+
+def study(out, program, settings, names, blocks, play_scene, table, draw):
+    """Play the scenes that the JSON file of a program lacks, and write its .json, .md and .png into the folder ``out``.
+
+    settings: what has to be the same for a scene in the file to be kept, beside the commit; they are written, too.
+    play_scene: a function (name, advance) -> what is written of a scene; it calls ``advance`` ``blocks`` times.
+    table, draw: functions (result) -> Markdown and (result, path). Returns the result.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / f"{program}.json"
+    result = {"command": f"python experiments/{program}.py", **settings, **provenance(), "scenes": {}}
+    if path.exists():
+        result["scenes"] = _scenes_to_keep(path, result, [*settings, "git_commit"])
+    missing = [name for name in names if name not in result["scenes"]]
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=len(missing) * blocks)
+        for name in missing:
+            bar.update(task, description=name)
+            start = time.monotonic()
+            found = play_scene(name, lambda: bar.advance(task))
+            result["scenes"][name] = found | {"wall_seconds": round(time.monotonic() - start, 1)}
+            result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
+            whole = path.with_suffix(".new")
+            whole.write_text(json.dumps(result, indent=1) + "\n")
+            whole.replace(path)  # an interruption leaves the old file or the new one
+    path.with_suffix(".md").write_text(table(result))
+    draw(result, path.with_suffix(".png"))
+    return result
+
+
+def _scenes_to_keep(path, result, identity):
+    try:
+        before = json.loads(path.read_text())
+        # The mark of uncommitted changes is left out: the file itself is one, once it is committed.
+        same = all(str(before[name]).rstrip("+") == str(result[name]).rstrip("+") for name in identity)
+        return before["scenes"] if same else {}
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
+
+
+def main(options_class, study, table, program, arguments):
+    """Entry point of a program: prints the table of its study; exits with 2 after an error that the user can mend."""
+    try:
+        options = tyro.cli(options_class, args=arguments, prog=f"python experiments/{program}.py")
+        print(table(study(options)), end="")
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
