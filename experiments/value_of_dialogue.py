@@ -99,7 +99,7 @@ def table(result):
     ]  # fmt: skip
     for name, scene in result["scenes"].items():
         success = {robot: row["success"] for robot, row in scene["robots"].items()}
-        worth = [100 * (success["planner"] - success[twin]) for twin in ("deaf", "muted")]
+        worth = [round(100 * (success["planner"] - success[twin]), 1) + 0.0 for twin in ("deaf", "muted")]
         cells = [*(f"{success[robot]:.3f}" for robot in ROBOTS), *(f"{points:+.1f} points" for points in worth)]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
@@ -116,7 +116,7 @@ def draw(result, path):
     colours = dict(
         zip(
             ROBOTS,
-            (palette.GOAL, palette.LASER, palette.ENCOUNTER, palette.PEDESTRIAN, palette.FAINT_INK, palette.OUTSIDE),
+            (palette.GOAL, palette.LASER, palette.ROBOT, palette.ENCOUNTER, palette.PEDESTRIAN, palette.FAINT_INK),
             strict=True,
         )
     )
@@ -140,7 +140,7 @@ def draw(result, path):
                 ecolor=palette.INK,
                 error_kw={"lw": 0.8},
             )
-        axes.set_xticks(range(len(names)), names)
+        axes.set_xticks(range(len(names)), [name.replace("-", "\n") for name in names])
         axes.set_ylim(0.0, 1.0)
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(axis="y", color=palette.OUTSIDE)

@@ -40,7 +40,6 @@ def test_contacts_and_distances_of_a_step_are_those_of_a_thousand_sub_steps(defa
             assert found in possible
             kinds[found if len(possible) == 1 else "grazing"] += 1
         played += min(2048, total - played)
-    print(kinds)
     assert kinds["grazing"] < 0.05 * total, kinds
     assert min(kinds[kind] for kind in ("arrived", "hit_pedestrian", "hit_wall", "nothing")) > 0.05 * total, kinds
 
