@@ -14,7 +14,7 @@ try:
 except ImportError as error:
     raise ImportError('jaxnav.adapters.brax needs brax: pip install "brax>=0.14"') from error
 
-from ..world import Action, Params, World, WorldConfig, check_params
+from ..world import Action, Params, World, check_params
 from ..world.types import REQUESTS
 from .observation import flat, shapes
 
@@ -22,16 +22,19 @@ from .observation import flat, shapes
 class BraxWorld(base.Env):
     """One episode; brax's wrappers batch it, end it in time (``episode_length``) and reset it.
 
+    By default the world is ``World()``, and params are those of its scenes.
+
     An observation is the vector of `jaxnav.adapters.observation.flat`. An action is a vector `[2 + 4]` in [-1, 1]: the
     twist, and a preference for each code, the greatest of which is said. ``done`` is arrival or collision only: running
     out of time is ``info["truncation"]`` of brax's EpisodeWrapper. Each of the metrics is 1 in the step it happens in.
     ValueError: params out of range.
     """
 
-    def __init__(self, config: WorldConfig = WorldConfig(), params: Params = Params()):
-        check_params(params)
-        self.world, self.params = World(config), params
-        self.episode_length = math.ceil(params.max_steps)
+    def __init__(self, world: World | None = None, params: Params | None = None):
+        self.world = World() if world is None else world
+        self.params = self.world.default_params if params is None else params
+        check_params(self.params, self.world.config)
+        self.episode_length = math.ceil(self.params.max_steps)
 
     def reset(self, rng):
         rng, key = jax.random.split(rng)

@@ -14,13 +14,15 @@ try:
 except ImportError as missing:
     raise ImportError('jaxnav.adapters.gymnasium needs gymnasium: pip install "gymnasium>=1.1"') from missing
 
-from ..world import Action, Params, World, WorldConfig, check_params
+from ..world import Action, Params, World, check_params
 from ..world.types import REQUESTS
 from .observation import IN_UNIT, parts, shapes
 
 
 class VectorWorld(VectorEnv):
-    """``num_envs`` (N) episodes side by side; the same seed gives the same episodes.
+    """``num_envs`` (N) episodes of ``world`` side by side; the same seed gives the same episodes.
+
+    By default the world is ``World()``, and params are those of its scenes.
 
     Observations are dicts of `jaxnav.adapters.observation.parts`, actions dicts of twist `[N, 2]` in [-1, 1] and code
     `[N]`, an index into ``REQUESTS``. An ended episode is replaced in the same step; its true last observation is then
@@ -30,11 +32,13 @@ class VectorWorld(VectorEnv):
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
 
-    def __init__(self, num_envs: int = 1, config: WorldConfig = WorldConfig(), params: Params = Params()):
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}: give a whole number of at least 1")
-        check_params(params)
-        world, self.num_envs, self._states = World(config), num_envs, None
+    def __init__(self, num_envs: int = 1, world: World | None = None, params: Params | None = None):
+        if not isinstance(num_envs, int) or num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs!r}: give a whole number of at least 1")
+        world = World() if world is None else world
+        params = world.default_params if params is None else params
+        check_params(params, world.config)
+        self.num_envs, self.params, self._states = num_envs, params, None
         unbounded = -np.inf, np.inf
         boxes = {
             name: spaces.Box(*((0.0, 1.0) if name in IN_UNIT else unbounded), shape, np.float32)

@@ -13,7 +13,7 @@ try:
 except ImportError as error:
     raise ImportError('jaxnav.adapters.gymnax needs gymnax: pip install "gymnax>=1.0" six') from error
 
-from ..world import Action, Params, World, WorldConfig
+from ..world import Action, World
 from ..world.types import REQUESTS
 from .observation import flat, shapes
 
@@ -30,12 +30,13 @@ class GymnaxWorld(environment.Environment):
 
     _supports_transition_gradients = True
 
-    def __init__(self, config: WorldConfig = WorldConfig()):
-        self.world = World(config)
+    def __init__(self, world: World | None = None):
+        self.world = World() if world is None else world
 
     @property
     def default_params(self):
-        return Params()
+        """Those of the world's scenes."""
+        return self.world.default_params
 
     def reset_env(self, key, params):
         state = self.world.reset(key, params)

@@ -28,19 +28,18 @@ class WorldSettings(WorldConfig):
         return World(WorldConfig(**{field.name: getattr(self, field.name) for field in fields}), own)
 
     def of_scenes(self, names) -> "WorldSettings":
-        """The same with these scenes, as many people as they take, and, unless said otherwise, the people there."""
+        """The same with these scenes, as many people as they take, and, unless said otherwise, the people there.
+
+        ValueError: people of different suites.
+        """
         crowds = [SCENES[name].crowd or (1, 1) for name in names if name in SCENES]
         pedestrians = max(self.pedestrians, *(most for _, most in crowds), 1)
-        usual, here = _people_of(self.scenes), _people_of(names)
+        known = [name for name in names if name in SCENES]
+        usual, here = Params(), default_params(known) if known else Params()
         params = {
             name: here[name] if np.array_equal(value, usual[name]) else value for name, value in self.params.items()
         }
         return dataclasses.replace(self, scenes=tuple(names), pedestrians=pedestrians, params=Params(**params))
-
-
-def _people_of(names):
-    known = [name for name in names if name in SCENES]
-    return default_params(known) if known else Params()
 
 
 def is_map(scene):
@@ -140,14 +139,18 @@ def resolve(config: RunConfig) -> RunConfig:
     """``config`` with scene and folder filled in, checked as a whole. UserError names the field and the remedy."""
     if config.algo not in ALGORITHMS:
         raise UserError(f"algo {config.algo!r} is unknown: choose from {', '.join(ALGORITHMS)}")
-    names = scene_names(config.scene)
+    names, given = scene_names(config.scene), tuple(config.world.scenes)
+    if config.scene == "all":
+        names = given
+    elif given not in (names, WorldConfig().scenes):
+        raise UserError(f"world.scenes is {' '.join(given)} beside --scene {config.scene}: give one of the two")
     if not 0 <= config.seed < 2**32:
         raise UserError(f"seed is {config.seed}: give a whole number from 0 to {2**32 - 1}")
-    world = config.world if config.scene == "all" or config.world.scenes == names else config.world.of_scenes(names)
-    missing = {"scan", "pedestrians", "dialogue"} - set(world.observation)
+    missing = {"scan", "pedestrians", "dialogue"} - set(config.world.observation)
     if missing:
         raise UserError(f"world.observation lacks {', '.join(sorted(missing))}: the lidar encoder needs it")
     try:
+        world = config.world.of_scenes(names)
         check_params(world.params, world)
         world.world()
         check_hyperparameters(config.hyper)

@@ -109,6 +109,11 @@ class World:
         # One scene is a constant: nothing is looked up.
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), self._wall_table).replace(cells=self._cells)
 
+    @property
+    def default_params(self) -> Params:
+        """`Params` of the people in its scenes; ValueError where they are not the same people."""
+        return scenes.params_of(self.scenes)
+
     def reset(self, key, params: Params, scene=None) -> State:
         """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
         check_params(params, self.config)

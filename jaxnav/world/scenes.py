@@ -212,7 +212,12 @@ SUITES = {
 
 def default_params(names):
     """`Params` of the people in the scenes of these names; ValueError where they are not the same people."""
-    first, *others = [get(name) for name in names]
+    return params_of([get(name) for name in names])
+
+
+def params_of(scenes):
+    """What `default_params` gives, of the scenes themselves."""
+    first, *others = scenes
     for other in others:
         if dict(other.params) != dict(first.params):
             raise ValueError(

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from jaxnav import Params, WorldConfig
+from jaxnav import Params, World, WorldConfig
 
-CONFIG = WorldConfig(scenes=("square",), beams=16)
+WORLD = World(WorldConfig(scenes=("square",), beams=16))
 # Nobody comes near a robot that stands still, and one that drives ahead may arrive in time or not.
 PARAMS = Params(max_steps=5.0, goal_tolerance=4.0, preferred_speed=0.0)
 
 
-@pytest.fixture(scope="session", name="config")
-def _config():
-    return CONFIG
+@pytest.fixture(scope="session", name="world")
+def _world():
+    return WORLD
 
 
 @pytest.fixture(scope="session", name="params")

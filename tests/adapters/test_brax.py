@@ -12,15 +12,15 @@ brax_world = pytest.importorskip("jaxnav.adapters.brax", exc_type=ImportError)
 from brax.envs import base
 from brax.training.agents.ppo import networks, train
 
-from jaxnav import Params, WorldConfig
+from jaxnav import Params, World, WorldConfig
 
 COUNT = 4
 STAND = jnp.tile(jnp.array([-1.0, 0.0, 1.0, 0.0, 0.0, 0.0]), (COUNT, 1))
 
 
 @pytest.fixture(scope="module")
-def env(config, params):
-    return brax_world.BraxWorld(config, params)
+def env(world, params):
+    return brax_world.BraxWorld(world, params)
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,8 @@ def test_its_own_ppo_learns_in_it(monkeypatch):
 
         monkeypatch.setattr(jax, "device_put_replicated", replicated, raising=False)
     # The world that compiles fastest: goal, twist, pedestrians.
-    env = brax_world.BraxWorld(WorldConfig(scenes=("square",), observation=("pedestrians",), swept_collisions=False))
+    config = WorldConfig(scenes=("square",), observation=("pedestrians",), swept_collisions=False)
+    env = brax_world.BraxWorld(World(config))
     small = functools.partial(
         networks.make_ppo_networks, policy_hidden_layer_sizes=(16,), value_hidden_layer_sizes=(16,)
     )
@@ -106,3 +107,11 @@ def test_what_cannot_be_is_said(env):
         brax_world.BraxWorld(params=Params(robot_radius=-1.0))
     with pytest.raises(ValueError, match="randomization_fn is given"):
         brax_world.wrap(env, 5, randomization_fn=lambda system: system)
+
+
+def test_people_and_delays_are_those_of_the_world():
+    world = World(WorldConfig(scenes=("narrow",), control_delay=1))
+    assert brax_world.BraxWorld(world).params.preferred_speed == 1.2
+    assert brax_world.BraxWorld(world, Params(control_latency=1)).params.control_latency == 1
+    with pytest.raises(ValueError, match=r"world.params.control_latency is 2: give .* world.control_delay, which is 1"):
+        brax_world.BraxWorld(world, Params(control_latency=2))

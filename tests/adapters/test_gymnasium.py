@@ -1,5 +1,7 @@
 """`gymnasium.vector`: its checks, its auto-reset within the step, its seeds, and its wrappers."""
 
+import pathlib
+
 import numpy as np
 import pytest
 
@@ -10,15 +12,16 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from jaxnav import Params
+from jaxnav import Params, World, WorldConfig, maps
 
 COUNT = 4
+OFFICE = pathlib.Path(__file__).parents[2] / "examples" / "office.yaml"
 STAND = {"twist": np.tile(np.float32([-1.0, 0.0]), (COUNT, 1)), "code": np.zeros(COUNT, np.int64)}
 
 
 @pytest.fixture(scope="module")
-def envs(config, params):
-    return vector_world.VectorWorld(COUNT, config, params)
+def envs(world, params):
+    return vector_world.VectorWorld(COUNT, world, params)
 
 
 class First(gymnasium.Env):
@@ -44,9 +47,9 @@ def test_an_environment_of_it_passes_the_check_of_gymnasium(envs):
     check_env(First(envs), skip_render_check=True)
 
 
-def test_gymnasium_makes_it_by_name(config):
+def test_gymnasium_makes_it_by_name(world):
     spec = gymnasium.envs.registration.EnvSpec(
-        "jaxnav-v0", vector_entry_point="jaxnav.adapters.gymnasium:VectorWorld", kwargs={"config": config}
+        "jaxnav-v0", vector_entry_point="jaxnav.adapters.gymnasium:VectorWorld", kwargs={"world": world}
     )
     made = gymnasium.make_vec(spec, num_envs=3, vectorization_mode="vector_entry_point")
     assert made.num_envs == 3
@@ -140,9 +143,20 @@ def test_the_wrappers_of_gymnasium_read_its_infos(envs):
     ("arguments", "message"),
     [
         ({"num_envs": 0}, "num_envs is 0: give a whole number of at least 1"),
+        ({"num_envs": "3"}, "num_envs is '3': give a whole number of at least 1"),
         ({"params": Params(robot_radius=-1.0)}, "world.params.robot_radius is -1.0"),
     ],
 )
 def test_what_cannot_be_is_said(arguments, message):
     with pytest.raises(ValueError, match=message):
         vector_world.VectorWorld(**arguments)
+
+
+def test_people_and_delays_are_those_of_the_world():
+    """Of a suite or of a building; nothing is compiled before the first reset."""
+    late = World(WorldConfig(scenes=("doorway",), scan_delay=2))
+    assert vector_world.VectorWorld(2, late).params.preferred_speed == 1.2
+    assert vector_world.VectorWorld(2, late, Params(scan_latency=2)).params.scan_latency == 2
+    office = maps.load(OFFICE)
+    envs = vector_world.VectorWorld(2, World(WorldConfig(scenes=(office.name,), beams=16), [office]))
+    assert envs.single_observation_space["scan"].shape == (16,)

@@ -12,6 +12,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnax.environments import spaces
 from gymnax.wrappers import GymnaxToGymWrapper
 
+from jaxnav import World, WorldConfig
+
 STAND = jnp.array([-1.0, 0.0]), jnp.int32(0)
 AHEAD = jnp.array([1.0, 0.0]), jnp.int32(0)
 
@@ -31,9 +33,9 @@ class Checkable(GymnaxToGymWrapper):
 
 
 @pytest.fixture(scope="module")
-def wrapped(config, params):
+def wrapped(world, params):
     """The wrapper copies the environment: its copy is the one that all tests here compile and share."""
-    return Checkable(gymnax_world.GymnaxWorld(config), params)
+    return Checkable(gymnax_world.GymnaxWorld(world), params)
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +106,7 @@ def test_gradients_flow_only_through_the_copy_that_is_made_for_them(env, params,
     # Half of the top speed for one step of 0.4 s along the heading, which does not change.
     slope = 0.5 * params.max_v * params.dt * np.cos(state.robot.heading)
     np.testing.assert_allclose(jax.grad(lambda v: ahead(env.with_transition_gradients(), v))(0.0), slope, rtol=1e-5)
+
+
+def test_people_are_those_of_the_worlds_scenes():
+    assert gymnax_world.GymnaxWorld(World(WorldConfig(scenes=("corner",)))).default_params.preferred_speed == 1.2

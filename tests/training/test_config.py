@@ -17,7 +17,7 @@ from jaxnav.training.config import (
     resolve,
     to_json,
 )
-from jaxnav.world import Params, World, WorldConfig
+from jaxnav.world import Params, World, WorldConfig, default_params
 
 NAN = float("nan")
 
@@ -59,6 +59,17 @@ def test_differences_are_dotted_names():
     assert differences(old, new) == ["agent.batch", "seed", "world.beams", "world.params.dt"]
     assert differences({"a": {"b": 1}}, {}) == ["a"]
     assert differences({}, {"a": 1}) == ["a"]
+
+
+def test_scenes_of_a_suite_bring_their_people():
+    some = WorldSettings(scenes=("narrow", "doorway"))
+    assert resolve(RunConfig(world=some)).world.params == default_params(("narrow",))
+    slow = dataclasses.replace(some, params=Params(preferred_speed=0.9))
+    assert resolve(RunConfig(world=slow)).world.params.preferred_speed == 0.9
+    with pytest.raises(UserError, match=r"world.scenes is narrow doorway beside --scene hard: give one of the two"):
+        resolve(RunConfig(scene="hard", world=some))
+    again = resolve(RunConfig(scene="hard"))
+    assert resolve(again) == again
 
 
 def test_one_scene_becomes_the_only_scene_of_the_world():
@@ -118,6 +129,7 @@ def run_config(**fields):
         ("seed", -1, "seed"),
         ("seed", 2**32, "seed"),
         ("world__scenes", ("square", "moon"), "scene"),
+        ("world__scenes", ("square", "narrow"), "world.scenes"),
         ("world__observation", ("scan", "dialogue"), "world.observation"),
         ("world__pedestrians", 17, "world.pedestrians"),
         ("world__params__body_radius", -0.1, "world.params.body_radius"),
@@ -144,7 +156,7 @@ def test_a_bad_value_is_refused_with_field_and_remedy_in_one_line(name, value, f
     ) as caught:
         resolve(run_config(**{name: value}))
     assert "\n" not in str(caught.value)
-    shown = value[-1] if isinstance(value, tuple) and field == "scene" else value
+    shown = value[-1] if isinstance(value, tuple) and field != "world.observation" else value
     assert field == "world.observation" or str(shown) in str(caught.value)
 
 
