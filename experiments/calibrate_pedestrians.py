@@ -14,10 +14,10 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 from rich.progress import Progress
+from scene_study import RESULTS, make_folder
 
 from jaxnav.errors import UserError, remedy
-
-RESULTS = pathlib.Path(__file__).parent / "results"
+from jaxnav.world.types import MAX_PEDESTRIANS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +49,8 @@ class Simulated:
 
     def __post_init__(self):
         _at_least(self, truths=1, starts=1, walkers=1, episodes=1, steps=1, noise=0, seed=0)
+        if self.walkers > MAX_PEDESTRIANS:
+            raise UserError(f"walkers is {self.walkers}: give at most {MAX_PEDESTRIANS}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +93,8 @@ def _at_least(options, **limits):
         value = getattr(options, name)
         if not value >= least:
             raise UserError(f"{name} is {value}: give at least {least}")
+        if not value < 2**32:
+            raise UserError(f"{name} is {value}: give less than {2**32}")
 
 
 _Commands = (
@@ -101,7 +105,10 @@ _Commands = (
 def main(arguments=None):
     """Entry point. Exits with 2 after an error that the user can mend."""
     try:
-        options = tyro.cli(_Commands, args=arguments, description=__doc__)
+        options = tyro.cli(
+            _Commands, args=arguments, description=__doc__, prog="python experiments/calibrate_pedestrians.py"
+        )
+        make_folder(options.out)
         run = _simulated if isinstance(options, Simulated) else _eth
         run(options, Console(stderr=True, soft_wrap=True, markup=False, highlight=False))
     except UserError as error:
@@ -180,7 +187,6 @@ def _write(options, name, result, started, draw):
         "options": given, **result, **provenance(), "wall_seconds": round(time.monotonic() - started, 1)
     }  # fmt: skip
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
         # A line a field: the curves of an indented file would fill pages.
         lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in document.items())
         (options.out / f"{name}.json").write_text(f"{{\n{lines}\n}}\n")

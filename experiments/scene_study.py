@@ -26,6 +26,14 @@ def check_options(options, limits):
             raise UserError(f"--{name} is {getattr(options, name)}: give a whole number from {least} to {most}")
 
 
+def make_folder(out):
+    """Make the folder of results, before anything takes time. UserError: it can't be."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out is {out}: {error.strerror}: choose a folder that can be written") from None
+
+
 def study(out, program, settings, names, blocks, play_scene, table, draw):
     """Play the scenes that the JSON file of a program lacks, and write its .json, .md and .png into the folder ``out``.
 
@@ -33,7 +41,7 @@ def study(out, program, settings, names, blocks, play_scene, table, draw):
     play_scene: a function (name, advance) -> what is written of a scene; it calls ``advance`` ``blocks`` times.
     table, draw: functions (result) -> Markdown and (result, path). Returns the result.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     path = out / f"{program}.json"
     result = {"command": f"python experiments/{program}.py", **settings, **provenance(), "scenes": {}}
     if path.exists():

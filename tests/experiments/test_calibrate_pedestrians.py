@@ -101,6 +101,10 @@ def test_recorded_people_are_predicted_better_than_by_constant_velocity(tmp_path
         (["eth", "--data", "x", "--observe", "1"], "observe is 1: give at least 2"),
         (["simulated", "--truths", "0"], "truths is 0: give at least 1"),
         (["simulated", "--noise", "nan"], "noise is nan: give at least 0"),
+        (["simulated", "--noise", "inf"], "noise is inf: give less than"),
+        (["simulated", "--walkers", "65"], "walkers is 65: give at most 64"),
+        (["simulated", "--seed", "4294967296"], "seed is 4294967296: give less than 4294967296"),
+        (["simulated", "--out", __file__], f"--out is {__file__}: File exists: choose a folder that can be written"),
     ],
 )
 def test_wrong_input_ends_in_one_line_and_exit_code_2(capsys, arguments, message):

@@ -157,3 +157,11 @@ def test_a_damaged_file_of_results_is_named_and_kept(tmp_path, played, capsys):
     assert stop.value.code == 2
     assert "value_of_dialogue.json is no result" in capsys.readouterr().err
     assert (tmp_path / "value_of_dialogue.json").read_text() == "{}"
+
+
+def test_a_file_in_place_of_the_folder_is_named_before_anything_is_played(tmp_path, played, capsys):
+    (tmp_path / "taken").touch()
+    with pytest.raises(SystemExit) as stop:
+        program.main(["--out", str(tmp_path / "taken")])
+    assert (stop.value.code, played) == (2, [])
+    assert "taken: File exists: choose a folder" in capsys.readouterr().err
