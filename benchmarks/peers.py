@@ -121,8 +121,8 @@ def main():
     parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="repeat for this long (default: 3)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line instead of a table")
     arguments = parser.parse_args()
-    if not arguments.seconds > 0:
-        parser.error(f"--seconds is {arguments.seconds}: give a number above 0")
+    if not 0 < arguments.seconds < float("inf"):
+        parser.error(f"--seconds is {arguments.seconds}: give a finite number above 0")
 
     table = Table(
         "world", "a second", "episodes", "ratio", title=f"{jax.devices()[0].device_kind}, jax {jax.__version__}"

@@ -172,16 +172,22 @@ def main():
         description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", choices=ABOUT, metavar="NAME", help=f"one of {', '.join(ABOUT)}")
-    parser.add_argument("--episodes", type=int, metavar="N", help="this many instead of 256 and 4096")
+    parser.add_argument("--episodes", type=int, metavar="N", help="instead of 256 and 4096; not for crowd and map")
     parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="repeat for this long (default: 2)")
     parser.add_argument("--json", action="store_true", help="one JSON object a line instead of a table")
     parser.add_argument(
         "--map", default=OFFICE, metavar="FILE", help="yaml file of a ROS map (default: a small office)"
     )
-    parser.add_argument("--plot", metavar="FILE", help="draw crowd as a figure")
+    parser.add_argument("--plot", metavar="FILE", help="draw crowd as a figure, where it is measured")
     arguments = parser.parse_args()
     if arguments.episodes is not None and arguments.episodes < 1:
         parser.error(f"--episodes is {arguments.episodes}: give a whole number of at least 1")
+    if arguments.episodes is not None and arguments.only in ("crowd", "map"):
+        parser.error(f"--episodes is {arguments.episodes}: leave it out, {arguments.only} has numbers of its own")
+    if not 0 < arguments.seconds < float("inf"):
+        parser.error(f"--seconds is {arguments.seconds}: give a finite number above 0")
+    if arguments.plot and arguments.only not in (None, "crowd"):
+        parser.error(f"--plot is {arguments.plot}: only crowd is drawn; give --only crowd, or leave out --only")
 
     table = Table("name", "episodes", "noise", "a second", "median", "memory", "compile", title="")
     for column in table.columns[1:]:

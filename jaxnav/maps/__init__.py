@@ -1,5 +1,7 @@
 """Your own building as a scene: from a ROS map_server map to walls, starts, goals and who meets whom."""
 
+import math
+
 import cv2
 import jax.numpy as jnp
 import numpy as np
@@ -11,13 +13,14 @@ from . import occupancy, placements, polygons, visibility
 
 __all__ = ["load"]
 
-_BODY_STEP = 0.3  # m around a cell: a body that starts a step in it may get so far, and touch a wall there
+MARGIN = 0.3  # m: more than `body_reach` of the usual parameters, 0.29
 _FLOOR = 1.0  # m^2 of standing room for one pedestrian
+_CELLS = 40_000  # of them a minute is spent on what is seen from where
 
 
 def load(
     path, *, tolerance=None, clearance=CLEARANCE, distances=(4.0, 8.0), detour=1.3, meetings=4096, strolls=1024,
-    cell=1.0, scan_range=12.0, seed=0,
+    cell=1.0, scan_range=12.0, margin=MARGIN, seed=0,
 ) -> Scene:  # fmt: skip
     """The scene that a ROS map_server map describes: ``path`` names its yaml file.
 
@@ -27,15 +30,17 @@ def load(
     distances:  least and greatest straight distance from the robot's start to its goal, m.
     detour:     longest path from start to goal, in straight distances: the robot sees its goal, not the way.
     meetings, strolls: how many of them to draw. cell: side of the cells, m. scan_range: of the laser, m.
+    margin:     how far from where half a step starts the robot's body may get in it, m: 0.5 max_v dt + robot_radius.
 
     ValueError names file, field and remedy: also where there is no free space or no goal that can be reached.
     """
     _check(tolerance=tolerance, clearance=clearance, distances=distances, detour=detour, meetings=meetings,
-           strolls=strolls, cell=cell, scan_range=scan_range)  # fmt: skip
+           strolls=strolls, cell=cell, scan_range=scan_range, margin=margin, seed=seed)  # fmt: skip
     building = occupancy.read(path)
     scale = building.resolution
     try:
         free = _rooms(polygons.simple_border(building.cells == occupancy.FREE), scale, clearance, distances[0])
+        _check_size(free, scale, cell)
         drawn = polygons.wall_chains(free, np.sqrt(2) if tolerance is None else tolerance / scale)
         # Single precision, as the world has them: what is seen has to be right for the very same walls.
         chains = [building.to_world(chain).astype(np.float32).astype(np.float64) for chain in drawn]
@@ -62,20 +67,41 @@ def load(
         capacity=int(np.clip(np.count_nonzero(room) * scale**2 / _FLOOR, 1, MAX_PEDESTRIANS)),
         meet=found.draw,
         stroll=stroll,
-        cells=visibility.visible_walls(chains, cell, _BODY_STEP, scan_range),
+        cells=visibility.visible_walls(chains, cell, margin, scan_range),
     )
 
 
-def _check(distances, detour, tolerance, **positive):
+def _check(distances, detour, tolerance, meetings, strolls, seed, **positive):
     for name, value in positive.items():
-        if not value > 0:
-            raise ValueError(f"{name} is {value}: give a number above 0")
-    if not 0 < distances[0] < distances[1]:
+        if not (_is_finite(value) and value > 0):
+            raise ValueError(f"{name} is {value}: give a finite number above 0")
+    for name, value, least in (("meetings", meetings, 1), ("strolls", strolls, 1), ("seed", seed, 0)):
+        if not (isinstance(value, (int, np.integer)) and value >= least):
+            raise ValueError(f"{name} is {value}: give a whole number of at least {least}")
+    pair = isinstance(distances, (tuple, list, np.ndarray)) and len(distances) == 2 and all(map(_is_finite, distances))
+    if not (pair and 0 < distances[0] < distances[1]):
         raise ValueError(f"distances is {distances}: give the least, above 0, and the greatest")
-    if not detour >= 1:
+    if not (_is_finite(detour) and detour >= 1):
         raise ValueError(f"detour is {detour}: give at least 1, for no path is shorter than a straight line")
-    if tolerance is not None and not tolerance >= 0:
+    if tolerance is not None and not (_is_finite(tolerance) and tolerance >= 0):
         raise ValueError(f"tolerance is {tolerance}: give at least 0 metres")
+
+
+def _is_finite(value):
+    try:
+        return math.isfinite(value)
+    except (TypeError, OverflowError):
+        return False
+
+
+def _check_size(free, resolution, cell):
+    rows, columns = free.shape
+    height, width = (resolution * (int(np.ptp(np.flatnonzero(free.any(axis=axis)))) + 1) for axis in (1, 0))
+    if not (width / cell) * (height / cell) <= _CELLS:
+        raise ValueError(
+            f"its floor extends over {width:.6g} x {height:.6g} m, which is more than {_CELLS:,} cells of {cell} m: "
+            f"check the resolution, {resolution} m a pixel for an image of {columns} x {rows}, or give a larger cell"
+        )
 
 
 def _rooms(free, resolution, clearance, least):

@@ -10,6 +10,7 @@ import yaml
 
 FREE, OCCUPIED, UNKNOWN = range(3)
 MODES = ("trinary", "scale", "raw")
+_FARTHEST = 10_000.0  # m, of an origin
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,10 +109,13 @@ def _read_image(path, fields):
     file = path.parent / name
     if not file.is_file():
         raise ValueError(f"map {path}: image {file} is missing: put it there or correct the field image")
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
     try:
         image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # larger than OpenCV takes
         image = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if image is None:
         raise ValueError(f"map {path}: image {file} can't be read: save it as pgm or png")
     if image.dtype != np.uint8:
@@ -137,6 +141,11 @@ def _origin(path, fields):
     if not isinstance(origin, list) or len(origin) != 3:
         raise ValueError(f"map {path}: origin is {origin!r}: give [x, y, yaw], metres and radians")
     x, y, yaw = (_finite(path, "origin", value) for value in origin)
+    if max(abs(x), abs(y)) > _FARTHEST:
+        raise ValueError(
+            f"map {path}: origin is {origin!r}, farther than {_FARTHEST / 1000:g} km: the world is in single "
+            "precision, which can't tell millimetres apart there; give an origin near 0"
+        )
     return x, y, yaw
 
 
@@ -144,7 +153,7 @@ def _finite(path, name, value):
     try:
         # PyYAML takes 5e-2, without a decimal point, for a string; map_server for a number.
         number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise ValueError(f"map {path}: {name} is {value!r}: give a finite number")

@@ -45,7 +45,7 @@ def visible_walls(chains, size, margin, scan_range) -> WallCells:
         cell[: len(seen)] = seen
     return WallCells(
         walls=table.reshape(rows, columns, -1), x=float(low[0]), y=float(low[1]), size=float(size),
-        scan_range=float(scan_range),
+        scan_range=float(scan_range), margin=float(margin),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from .. import maps
 from ..agents.hsac import HSACConfig, Hyperparameters
 from ..errors import UserError
-from ..world import SCENES, SUITES, Params, World, WorldConfig, check_params, default_params
+from ..world import SCENES, SUITES, Params, World, WorldConfig, body_reach, check_params, default_params
 
 ALGORITHMS = ("hsac",)
 
@@ -24,7 +24,8 @@ class WorldSettings(WorldConfig):
     def world(self) -> World:
         """The `World` of these sizes; a scene that is called like a file is the map that the file describes."""
         fields = dataclasses.fields(WorldConfig)
-        own = [maps.load(name, scan_range=float(self.params.scan_range)) for name in self.scenes if is_map(name)]
+        scan_range, margin = float(self.params.scan_range), max(maps.MARGIN, float(body_reach(self.params)))
+        own = [maps.load(name, scan_range=scan_range, margin=margin) for name in self.scenes if is_map(name)]
         return World(WorldConfig(**{field.name: getattr(self, field.name) for field in fields}), own)
 
     def of_scenes(self, names) -> "WorldSettings":

@@ -1,6 +1,6 @@
 """One episode of the world: pure, differentiable, no batch axis, no networks, no files."""
 
-from .env import World, check_params
+from .env import World, body_reach, check_params
 from .scenes import SCENES, SUITES, Scene, default_params
 from .types import Action, Observation, Outcome, Params, Snapshot, State, Walls, WorldConfig
 
@@ -17,6 +17,7 @@ __all__ = [
     "Walls",
     "World",
     "WorldConfig",
+    "body_reach",
     "check_params",
     "default_params",
 ]

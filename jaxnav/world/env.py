@@ -64,6 +64,12 @@ def check_params(params, config=WorldConfig()):
             )
 
 
+def body_reach(params):
+    """How far from where it starts the robot's body may get on a chord of its path, itself included, m (numpy)."""
+    max_v, dt, radius = (np.asarray(params[name]) for name in ("max_v", "dt", "robot_radius"))
+    return max_v * dt / _CHORDS + radius
+
+
 def _check_order(params, low, high):
     pair = params[low], params[high]
     if not any(isinstance(value, jax.core.Tracer) for value in pair) and np.any(np.asarray(pair[0]) > pair[1]):
@@ -117,7 +123,7 @@ class World:
     def reset(self, key, params: Params, scene=None) -> State:
         """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
         check_params(params, self.config)
-        self._check_range(params.scan_range)
+        self._check_cells(params)
         key_place, key_fate, key_words = jax.random.split(key, 3)
         bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
         choice, seed, words = bits[0], bits[1], bits[2:]
@@ -147,13 +153,26 @@ class World:
             past_twists=delays.start(jnp.array([-1.0, 0.0]), self.config.control_delay),  # the robot stands
         )
 
-    def _check_range(self, scan_range):
-        if self._cells is None or isinstance(scan_range, jax.core.Tracer):
+    def _check_cells(self, params):
+        """ValueError where the cells leave out walls that the laser may hit, or the robot touch. Traced values pass."""
+        if self._cells is None:
             return
-        if np.any(np.asarray(scan_range) > self._cells.scan_range):
+        scan_range = params.scan_range
+        moves = {name: params[name] for name in ("dt", "max_v", "robot_radius")}
+        loaded = f"scene {self.scenes[0].name} was loaded for up to"
+        if not isinstance(scan_range, jax.core.Tracer) and np.any(np.asarray(scan_range) > self._cells.scan_range):
             raise ValueError(
-                f"world.params.scan_range is {scan_range}: scene {self.scenes[0].name} was loaded for up to "
-                f"{self._cells.scan_range} m; load it for a longer one"
+                f"world.params.scan_range is {scan_range}: {loaded} {self._cells.scan_range} m; "
+                "load it for a longer one"
+            )
+        if any(isinstance(value, jax.core.Tracer) for value in moves.values()):
+            return
+        reach = np.max(body_reach(params))
+        if reach > self._cells.margin + 1e-6:  # a micrometre for rounding: params may be of single precision
+            values = ", ".join(f"world.params.{name} is {value}" for name, value in moves.items())
+            raise ValueError(
+                f"{values}: in half a step the robot's body gets {reach:.4g} m far, but {loaded} "
+                f"{self._cells.margin:.4g} m; give smaller ones, or load it with such a margin"
             )
 
     def step(self, key, state: State, action, params: Params) -> tuple[State, Outcome]:

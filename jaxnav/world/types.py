@@ -151,8 +151,9 @@ class WallCells:
     """Which walls can be seen, or touched within a step, from each square cell of a large floor plan.
 
     walls: `[rows, columns, K]` int32 indices into the solid walls of all chains, padded with -1; x, y: lower left
-    corner of cell (0, 0); size: side of a cell, m; scan_range: up to which range of the laser that holds, m. Who is
-    beyond the last cell is in it.
+    corner of cell (0, 0); size: side of a cell, m; scan_range: up to which range of the laser that holds, m; margin:
+    how far from its cell a body may get, itself included, and touch no wall that is not listed, m. Who is beyond the
+    last cell is in it.
     """
 
     walls: jax.Array
@@ -160,6 +161,7 @@ class WallCells:
     y: float
     size: float
     scan_range: float
+    margin: float
 
 
 @chex.dataclass(frozen=True)

@@ -69,7 +69,8 @@ def test_what_a_peer_prints_stays_out_of_the_results(peers, monkeypatch, capsys)
     assert "welcome" in printed.err
 
 
-def test_no_time_is_refused(peers, monkeypatch, capsys):
+@pytest.mark.parametrize("seconds", ["0", "nan", "inf"])
+def test_no_time_and_time_without_end_are_refused(peers, seconds, monkeypatch, capsys):
     with pytest.raises(SystemExit, match="2"):
-        run(peers, {}, monkeypatch, capsys, "--seconds", "0")
-    assert "--seconds is 0.0: give a number above 0" in capsys.readouterr().err
+        run(peers, {}, monkeypatch, capsys, "--seconds", seconds)
+    assert f"--seconds is {float(seconds)}: give a finite number above 0" in capsys.readouterr().err

@@ -83,6 +83,14 @@ def test_a_map_in_which_nobody_can_go_anywhere_is_refused(write_map, image, fiel
     assert str(path) in str(error.value)
 
 
+def test_a_resolution_that_makes_a_room_a_town_is_refused(write_map):
+    """5.0 for 0.05."""
+    path = write_map(room(100, 120), resolution=5.0)
+    with pytest.raises(ValueError, match=r"600 x 500 m, .* 5.0 m a pixel for an image of 124 x 104") as error:
+        maps.load(path)
+    assert str(path) in str(error.value)
+
+
 def test_a_goal_that_only_a_long_way_round_reaches_is_none(write_map):
     """Three corridors in a U, each too short for start and goal: around a corner it is a fifth farther."""
     image = room(80, 100)
@@ -95,13 +103,24 @@ def test_a_goal_that_only_a_long_way_round_reaches_is_none(write_map):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"clearance": 0.0}, "clearance is 0.0: give a number above 0"),
+        ({"clearance": 0.0}, "clearance is 0.0: give a finite number above 0"),
         ({"cell": -1.0}, "cell is -1.0"),
+        ({"cell": np.inf}, "cell is inf"),
+        ({"cell": 0.02}, "6 x 5 m, which is more than 40,000 cells of 0.02 m: .* or give a larger cell"),
         ({"scan_range": float("nan")}, "scan_range is nan"),
+        ({"margin": "wide"}, "margin is wide"),
         ({"meetings": 0}, "meetings is 0"),
+        ({"meetings": 1.5}, "meetings is 1.5: give a whole number of at least 1"),
+        ({"strolls": None}, "strolls is None"),
+        ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"distances": (8.0, 4.0)}, r"distances is \(8.0, 4.0\)"),
+        ({"distances": (4,)}, r"distances is \(4,\): give the least, above 0, and the greatest"),
+        ({"distances": None}, "distances is None"),
+        ({"distances": (4.0, np.inf)}, "distances is "),
         ({"detour": 0.9}, "detour is 0.9: give at least 1"),
+        ({"detour": None}, "detour is None"),
         ({"tolerance": -0.1}, "tolerance is -0.1: give at least 0 metres"),
+        ({"tolerance": np.inf}, "tolerance is inf"),
     ],
 )
 def test_an_option_out_of_range_is_named(write_map, options, said):

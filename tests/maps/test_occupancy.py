@@ -82,6 +82,9 @@ def test_to_cells_undoes_to_world(yaw, x, y, scale, point):
         ({"origin": None}, "no field origin"),
         ({"origin": [0.0, 0.0]}, r"origin is \[0.0, 0.0\]: give \[x, y, yaw\]"),
         ({"origin": "[0, 0, .inf]"}, "origin is inf"),
+        ({"origin": f"[1{400 * '0'}, 0, 0]"}, "origin is 10000"),
+        ({"origin": [500_000, 5_400_000, 0]}, r"origin is \[500000, 5400000, 0\], farther than 10 km: .* near 0"),
+        ({"origin": [-10_001.0, 0.0, 0.0]}, "origin is .*, farther than 10 km"),
         ({"negate": 2}, "negate is 2: give 0 or 1"),
         ({"negate": None}, "no field negate"),
         ({"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh 0.65"),
@@ -99,6 +102,18 @@ def test_a_wrong_field_is_named_with_its_value_and_the_remedy(write_map, fields,
     with pytest.raises(ValueError, match=said) as error:
         occupancy.read(path)
     assert str(path) in str(error.value)
+
+
+def test_a_truncated_image_is_refused_in_one_line(write_map, capfd):
+    """OpenCV, too, would print an error; it does so again afterwards."""
+    path = write_map(SHADES, image="map.pgm")
+    pixels = cv2.imencode(".pgm", np.zeros((100, 100), np.uint8))[1].tobytes()
+    (path.parent / "map.pgm").write_bytes(pixels[:1000])
+    level = cv2.utils.logging.getLogLevel()
+    with pytest.raises(ValueError, match=r"map.pgm can't be read: save it as pgm or png"):
+        occupancy.read(path)
+    assert capfd.readouterr().err == ""
+    assert cv2.utils.logging.getLogLevel() == level
 
 
 def test_an_image_of_16_bits_does_not_match_its_thresholds(write_map):

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxnav import maps
 from jaxnav.maps import occupancy, polygons, visibility
 from jaxnav.world import World, WorldConfig, lidar
 
@@ -55,6 +56,34 @@ def test_ranges_are_those_to_all_walls(scene, flat):
         around = [flat.ranges(walls, pose[0], pose[1], angles + delta, LIMIT) for delta in (-2e-5, 0.0, 2e-5)]
         assert np.all(measured >= np.min(around, axis=0) - 2e-3)
         assert np.all(measured <= np.max(around, axis=0) + 2e-3)
+
+
+@pytest.fixture
+def block_of_rooms(write_map):
+    """54 rooms of 6 x 6 m in six rows, and doors of 1 m between all neighbours, those in a line not opposite."""
+    side, wall, door = 60, 2, 10
+    pitch = side + wall
+    image = np.zeros((6 * pitch + wall, 9 * pitch + wall), np.uint8)
+    for row, column in np.ndindex(6, 9):
+        y, x = row * pitch + wall, column * pitch + wall
+        image[y : y + side, x : x + side] = 254
+        if column:
+            at = y + 5 + 15 * ((row + column) % 3)
+            image[at : at + door, x - wall : x] = 254
+        if row:
+            at = x + 5 + 15 * ((column + 2 * row) % 3)
+            image[y - wall : y, at : at + door] = 254
+    return maps.load(write_map(image, resolution=0.1), meetings=64, strolls=64)
+
+
+def test_few_walls_of_many_rooms_are_tested(block_of_rooms, flat):
+    """A building of 56 x 37 m: a beam tests one padded row of the table, and the ranges are those to all walls."""
+    total = sum(len(chain) for chain in block_of_rooms.chains)
+    assert total > 500
+    assert block_of_rooms.cells.walls.shape[-1] < total / 5
+    at = poses(block_of_rooms, flat, 300, seed=2)
+    culled, exhaustive = (np.asarray(scan(jnp.asarray(at))) for scan in scans(block_of_rooms))
+    np.testing.assert_allclose(culled, exhaustive, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize(("name", "tolerance"), [("office", 0.0), ("house", np.sqrt(2))])

@@ -9,7 +9,9 @@ import pytest
 
 from jaxnav import Action, Params, World, WorldConfig
 from jaxnav.agents.scripted import straight_line
-from jaxnav.world.walls import wall_clearance
+from jaxnav.maps import polygons, visibility
+from jaxnav.training.config import WorldSettings
+from jaxnav.world.walls import time_to_walls, wall_clearance
 
 EPISODES, STEPS = 64, 25
 
@@ -75,3 +77,48 @@ def test_a_laser_that_reaches_farther_than_the_map_was_loaded_for_is_refused(off
     world = World(WorldConfig(scenes=(office.name,)), [office])
     with pytest.raises(ValueError, match=r"scan_range is 20.*office.yaml.*12"):
         world.reset(jax.random.key(0), Params(scan_range=20.0))
+
+
+@pytest.mark.parametrize("change", [{"dt": 2.0}, {"max_v": 0.7}, {"robot_radius": 0.2}, {"dt": np.array([0.4, 0.5])}])
+def test_a_body_that_gets_farther_than_the_map_was_loaded_for_is_refused(office, change):
+    """Walls that it might touch could be missing in the list of its cell."""
+    world = World(WorldConfig(scenes=(office.name,)), [office])
+    ((name, value),) = change.items()
+    with pytest.raises(ValueError, match=r"world.params.dt is .*office.yaml.* 0.3 m; give smaller ones") as error:
+        world.reset(jax.random.key(0), Params(**change))
+    assert f"world.params.{name} is {value}" in str(error.value)
+
+
+def test_settings_load_a_map_for_their_own_laser_and_body(office):
+    params = Params(dt=1.0, max_v=1.5, robot_radius=0.25, scan_range=20.0)
+    world = WorldSettings(scenes=(office.name,), params=params).world()
+    assert world.walls(0).cells.margin == pytest.approx(1.0) and world.walls(0).cells.scan_range == 20.0
+    jax.eval_shape(lambda key: world.reset(key, jax.tree.map(np.float32, params)), jax.random.key(0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_contacts_are_those_with_all_walls_up_to_the_margin(office, flat, seed):
+    """Bodies of 0.5 m that drive 2.5 m from anywhere in a cave of sharp corners, by the world's own search."""
+    radius, chord = 0.5, 2.5
+    chains = polygons.wall_chains(polygons.simple_border(flat.blobs(seed, (24, 30))), 1.0)
+    cave = dataclasses.replace(
+        office, chains=tuple(tuple(map(tuple, chain.tolist())) for chain in chains),
+        cells=visibility.visible_walls(chains, 0.5, radius + chord, 12.0),
+    )  # fmt: skip
+    walls = World(WorldConfig(scenes=(cave.name,)), [cave]).walls(0)
+    flat_walls = flat.wall_array(cave.chains)
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((0, 0), (30, 24), (20_000, 2))
+    points = points[flat.inside(points, flat_walls)]
+    points = points[flat.distances(points, flat_walls) > radius]
+    angles = rng.uniform(-np.pi, np.pi, len(points))
+
+    def time(x, y, angle, walls):
+        return time_to_walls(x, y, chord * jnp.cos(angle), chord * jnp.sin(angle), walls.near(x, y), radius)
+
+    listed, every = (
+        np.asarray(jax.jit(jax.vmap(time, in_axes=(0, 0, 0, None)))(*points.T, angles, w))
+        for w in (walls, walls.replace(cells=None))
+    )
+    np.testing.assert_allclose(listed, every, atol=1e-5)
+    assert np.isfinite(every).sum() > 50
