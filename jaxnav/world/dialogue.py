@@ -11,7 +11,7 @@ from .lidar import raycast
 from .types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP, Encounter
 
 _REFERENCE_SPEED = 0.5  # the walking speed at which a gate opens at exactly `encounter_distance`
-_COS_45 = 0.70710678
+COS_45 = 0.70710678
 
 
 def start(pedestrian, robot):
@@ -160,7 +160,7 @@ def _walking_direction(pedestrian):
 
 def _is_crossing(robot, ux, uy):
     """Whether the headings differ by 45 to 135 degrees."""
-    return jnp.abs(jnp.cos(robot.heading) * ux + jnp.sin(robot.heading) * uy) <= _COS_45
+    return jnp.abs(jnp.cos(robot.heading) * ux + jnp.sin(robot.heading) * uy) <= COS_45
 
 
 def _message(fate, robot, pedestrian, ux, uy, walls, params):

@@ -80,14 +80,13 @@ class World:
     """A differentiable 2D world with one robot and P pedestrians who talk with it.
 
     Every method is a pure function of one episode: ``jit`` and ``vmap`` as you like. ``step`` does not reset.
-    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`. ValueError: an unknown scene, or more
-    pedestrians than one of the scenes holds.
+    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`. ValueError: an unknown scene, two
+    of one name, one of your own that starts somebody in a wall or in somebody else, more pedestrians than one holds.
     """
 
     def __init__(self, config: WorldConfig = WorldConfig(), own_scenes: Iterable[scenes.Scene] = ()):
         self.config = config
-        own = {scene.name: scene for scene in own_scenes}
-        self.scenes = tuple(own[name] if name in own else scenes.get(name) for name in config.scenes)
+        self.scenes = scenes.choose(config.scenes, own_scenes)
         for scene in self.scenes:
             least, most = scene.crowd or (1, config.pedestrians)
             if most > scene.capacity:
@@ -96,6 +95,8 @@ class World:
                 raise ValueError(
                     f"world.pedestrians is {config.pedestrians}: scene {scene.name} needs at least {least}"
                 )
+            if scene.name not in scenes.SCENES:  # those are tested
+                placement.check_starts(scene, config.pedestrians)
         self._wall_table = pad_walls([walls_from_chains(scene.chains) for scene in self.scenes])
         # Only a floor plan of its own looks walls up by cell; beside other scenes it tests all of them.
         self._cells = self.scenes[0].cells if len(self.scenes) == 1 else None
@@ -121,8 +122,10 @@ class World:
         return scenes.params_of(self.scenes)
 
     def reset(self, key, params: Params, scene=None) -> State:
-        """A new episode in a random scene, or in the one with index ``scene``. ValueError: params out of range."""
+        """A new episode in a random scene, or in the one with index ``scene``. ValueError: either is out of range."""
         check_params(params, self.config)
+        if isinstance(scene, int | np.integer) and not 0 <= scene < len(self.scenes):
+            raise ValueError(f"scene is {scene}: give an index into world.scenes, 0 to {len(self.scenes) - 1}")
         self._check_cells(params)
         key_place, key_fate, key_words = jax.random.split(key, 3)
         bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)

@@ -41,7 +41,8 @@ def agent_half_plane(px, py, vx, vy, other_vx, other_vy, radius, time_horizon, d
     wx, wy = rvx - px / horizon, rvy - py / horizon
     w_squared, w_dot_p = wx * wx + wy * wy, wx * px + wy * py
     w_length = safe_sqrt(w_squared)
-    # Coincident agents with equal velocities: any direction serves, so long as both don't choose the same one.
+    # Coincident agents with equal velocities, for whom RVO2 divides by zero, are both pushed the same way and stay
+    # together. Placement never starts two in one place.
     ux = jnp.where(w_squared > 1e-12, wx / w_length, 1.0)
     uy = jnp.where(w_squared > 1e-12, wy / w_length, 0.0)
     circle = overlap | ((w_dot_p < 0) & (w_dot_p * w_dot_p > radius_squared * w_squared))

@@ -9,12 +9,10 @@ import jax
 import jax.numpy as jnp
 
 from . import dialogue, linear_program, orca
+from .dialogue import COS_45
 from .geometry import cross2d, insert_nearest, norm, unit
 from .types import LEFT, NONE, RIGHT, STOP
 from .walls import nearest_walls
-
-_COS_45 = 0.70710678
-
 
 _TURN = 0.3  # from its way point a pedestrian turns toward its goal
 
@@ -29,8 +27,8 @@ def preferred_velocity(pedestrian, encounter, fate, params):
     walk = jnp.where(pedestrian.turned, arriving, params.preferred_speed)
 
     request = dialogue.obeyed_request(encounter, fate, params)
-    turn = jnp.where(request == LEFT, _COS_45, -_COS_45)
-    margin_x, margin_y = _COS_45 * encounter.ux - turn * encounter.uy, _COS_45 * encounter.uy + turn * encounter.ux
+    turn = jnp.where(request == LEFT, COS_45, -COS_45)
+    margin_x, margin_y = COS_45 * encounter.ux - turn * encounter.uy, COS_45 * encounter.uy + turn * encounter.ux
 
     # A committed pedestrian tracks a line parallel to the one it was on, half the passing distance to its side. One
     # that commits late has a second left for it, hence up to 72 degrees off its direction, not 45. Before a way point,

@@ -12,14 +12,15 @@ import numpy as np
 
 from .geometry import norm, unit
 from .scenes import straight
-from .types import Pedestrian
-from .walls import wall_clearance
+from .types import Params, Pedestrian
+from .walls import is_inside, wall_clearance, walls_from_chains
 
 CLEARANCE = 0.3  # from starts and goals to walls
 ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
 PEDESTRIAN_GAP = 0.6  # between pedestrians at the start
 _CANDIDATES = 32
 _DRAWS = 12
+_TRIES = 16  # episodes that `check_starts` tries
 
 
 @chex.dataclass(frozen=True)
@@ -45,20 +46,12 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
     """
     key_meet, key_stroll = (key, None) if pedestrians == 1 else jax.random.split(key)
 
-    def candidates(numbers, kind):
-        robot, first = kind.meet(numbers, params.max_v, params.preferred_speed)
-        return jnp.stack(robot), jnp.stack(first)
-
     # A last row turns the robot: 31 numbers too many cost less than one draw more.
     *numbers, turns = jax.random.uniform(key_meet, (_DRAWS + 1, _CANDIDATES))
     # Only the candidates differ from scene to scene: what follows is compiled once, not once a scene.
-    robots, firsts = jax.lax.switch(scene, [functools.partial(candidates, kind=kind) for kind in scenes], numbers)
-    x, y = (jnp.concatenate([robots[i], robots[i + 2], firsts[i], firsts[i + 4]]) for i in (0, 1))
-    clear = jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, floors)).reshape(4, _CANDIDATES)
-    apart = norm(robots[0] - firsts[0], robots[1] - firsts[1])
-    # Metres by which a candidate falls short; the first that doesn't is taken.
-    short = jnp.maximum(CLEARANCE - jnp.min(clear, axis=0), ROBOT_GAP - apart)
-    chosen = jnp.argmin(jnp.maximum(short, 0.0))
+    branches = [functools.partial(_candidates, scene=kind, params=params) for kind in scenes]
+    robots, firsts = jax.lax.switch(scene, branches, numbers)
+    chosen = _choose(robots, firsts, walls, floors)
     x, y, goal_x, goal_y = robots[:, chosen]
     heading = jnp.arctan2(goal_y - y, goal_x - x) + (2.0 * turns[0] - 1.0) * 0.3
     first = firsts[:, chosen]
@@ -69,6 +62,57 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
         # The turn is drawn anew for each candidate: those of the others serve as further random numbers.
         present = jnp.arange(pedestrians) < _crowd_size(turns[1], scenes, scene, pedestrians)
     return (x, y, heading, goal_x, goal_y), _at_start(*routes, present, params)
+
+
+def _candidates(numbers, scene, params):
+    """Candidates `[., C]`: the robot's start and goal `[4, C]`, the first pedestrian's route `[6, C]`."""
+    robot, first = scene.meet(numbers, params.max_v, params.preferred_speed)
+    return jnp.stack(robot), jnp.stack(first)
+
+
+def _choose(robots, firsts, walls, floors):
+    """Index of the first candidate that keeps its distances, or else of the one that falls least short of them."""
+    x, y = (jnp.concatenate([robots[i], robots[i + 2], firsts[i], firsts[i + 4]]) for i in (0, 1))
+    clear = jnp.minimum(wall_clearance(x, y, walls), _floor_depth(x, y, floors)).reshape(4, _CANDIDATES)
+    apart = norm(robots[0] - firsts[0], robots[1] - firsts[1])
+    # Metres by which a candidate falls short.
+    short = jnp.maximum(CLEARANCE - jnp.min(clear, axis=0), ROBOT_GAP - apart)
+    return jnp.argmin(jnp.maximum(short, 0.0))
+
+
+def check_starts(scene, pedestrians):
+    """Try a few episodes of a scene with its own people; ValueError: somebody outside of the walls, or in another body.
+
+    pedestrians: how many the world holds.
+    """
+    params, walls = Params(**scene.params), walls_from_chains(scene.chains)
+    numbers = np.random.default_rng(0).random((_TRIES, _DRAWS, _CANDIDATES), np.float32)
+    strolls = min(pedestrians, scene.crowd[1] if scene.crowd else pedestrians) > 1
+
+    @jax.jit
+    @jax.vmap
+    def starts(numbers):
+        floors = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), floor_table([scene]))
+        robots, firsts = _candidates(list(numbers), scene, params)
+        chosen = _choose(robots, firsts, walls, floors)
+        return robots[:, chosen], firsts[:, chosen], _stroll(numbers[:5], scene, floors) if strolls else firsts[:, :0]
+
+    # Also where a world is made while something is traced.
+    with jax.ensure_compile_time_eval():
+        robot, first, further = (np.asarray(part) for part in starts(numbers))
+    ends = [robot[:, :2], robot[:, 2:], first[:, :2], first[:, 4:]]
+    ends += [np.moveaxis(further[:, i : i + 2], 1, -1).reshape(-1, 2) for i in (0, 4)]
+    x, y = np.concatenate(ends).T
+    outside = np.flatnonzero(~is_inside(x, y, scene.chains))
+    if outside.size:
+        at = f"({x[outside[0]]:.2f}, {y[outside[0]]:.2f})"
+        raise ValueError(f"scene {scene.name}: meet, stroll or floors place somebody at {at}, outside of the walls")
+    apart = np.hypot(*(robot[:, :2] - first[:, :2]).T).min()
+    if apart <= params.robot_radius + params.body_radius:
+        raise ValueError(
+            f"scene {scene.name}: meet starts robot and pedestrian {apart:.2f} m apart: "
+            f"let it draw starts that are {ROBOT_GAP} m apart"
+        )
 
 
 def _crowd_size(u, scenes, scene, pedestrians):
@@ -103,10 +147,8 @@ def _strollers(key, scenes, scene, floors, count, robot_x, robot_y, first):
     def one(placed, index_and_key):
         index, key = index_and_key
         u = jax.random.uniform(key, (5, 4 * _CANDIDATES))
-        kinds = dict.fromkeys(one.stroll for one in scenes)
-        branches = [
-            lambda u, kind=kind: jnp.stack(_stroll_on_floor(u, floors) if kind is None else kind(u)) for kind in kinds
-        ]
+        kinds = {one.stroll: one for one in scenes}
+        branches = [functools.partial(_stroll, scene=one, floors=floors) for one in kinds.values()]
         which = jnp.array([list(kinds).index(one.stroll) for one in scenes])[scene]
         routes = jax.lax.switch(which, branches, u)
         x, y = routes[:2]
@@ -118,6 +160,11 @@ def _strollers(key, scenes, scene, floors, count, robot_x, robot_y, first):
 
     start = jnp.zeros((6, count + 1)).at[:, 0].set(first)
     return jax.lax.scan(one, start, (jnp.arange(count), jax.random.split(key, count)))[0][:, 1:]
+
+
+def _stroll(u, scene, floors):
+    """Routes `[6, ...]` of a scene's further pedestrians."""
+    return jnp.stack(_stroll_on_floor(u, floors) if scene.stroll is None else scene.stroll(u))
 
 
 def _stroll_on_floor(u, floors):

@@ -9,13 +9,15 @@ from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from .types import Params, WallCells
+from .types import MAX_PEDESTRIANS, Params, WallCells
+from .walls import enclosed_area, walls_from_chains
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scene:
-    """One scene.
+    """One scene. ValueError names scene, field, value and remedy.
 
     chains:    closed polygons of (x, y) vertices, free space to the left of each edge.
     floors:    rectangles (x0, y0, x1, y1) of free space, in which further pedestrians stroll.
@@ -41,9 +43,42 @@ class Scene:
     cells: WallCells | None = None
     params: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
+    def __post_init__(self):
+        try:
+            _check(self)
+        except ValueError as error:
+            raise ValueError(f"scene {self.name}: {error}") from None
+
 
 # Given: every pedestrian; those whom no wall hides; nobody, so that the robot has to read them from its scan.
 SIGHTS = ("all", "line", "none")
+
+
+def _check(scene):
+    for name in ("chains", "floors"):
+        if len(getattr(scene, name)) == 0:
+            raise ValueError(f"{name} is empty: give at least one")
+    walls_from_chains(scene.chains)
+    area = sum(map(enclosed_area, scene.chains))
+    if not area > 0:
+        raise ValueError(
+            f"chains enclose {area:.4g} m^2: draw rooms counter-clockwise, free space to the left, obstacles clockwise"
+        )
+    for number, floor in enumerate(scene.floors):
+        if len(floor) != 4 or not np.all(np.isfinite(floor)) or not (floor[0] < floor[2] and floor[1] < floor[3]):
+            raise ValueError(
+                f"floors has {floor} as number {number}: give finite (x0, y0, x1, y1), x0 < x1 and y0 < y1"
+            )
+    if scene.sight not in SIGHTS:
+        raise ValueError(f"sight is {scene.sight!r}: choose from {', '.join(SIGHTS)}")
+    if scene.crowd is not None:
+        counts = len(scene.crowd) == 2 and all(isinstance(count, int) for count in scene.crowd)
+        if not (counts and 1 <= scene.crowd[0] <= scene.crowd[1] <= MAX_PEDESTRIANS):
+            raise ValueError(f"crowd is {scene.crowd}: give (fewest, most), whole numbers from 1 to {MAX_PEDESTRIANS}")
+    for name in scene.params:
+        if name not in Params.__dataclass_fields__:
+            raise ValueError(f"params names {name!r}: give fields of Params")
+
 
 Route = tuple  # x, y, way point x, y, goal x, y; a way point on the goal is none
 Meeting = tuple[tuple, Route]  # (robot x, y, goal x, y), the pedestrian's route
@@ -67,10 +102,12 @@ def _meet_square(u, robot_speed, speed):
     mx, my = x + fraction * length * ux, y + fraction * length * uy
     # The robot needs about half a second to get going; the offset makes the meeting less than perfect.
     time = fraction * length / robot_speed
+    # Whoever is faster than this doesn't fit in the square with all of its way there, and comes later.
+    away = jnp.minimum(speed * time, 2.1 * fraction * length)
     heading = along + jnp.pi + _centred(u[5], 2.3)
     hx, hy = jnp.cos(heading), jnp.sin(heading)
     ox, oy = _centred(u[6], 0.4), _centred(u[7], 0.4)
-    px, py = mx - speed * time * hx + ox, my - speed * time * hy + oy
+    px, py = mx - away * hx + ox, my - away * hy + oy
     return (x, y, x + length * ux, y + length * uy), straight(px, py, mx + 3.0 * hx + ox, my + 3.0 * hy + oy)
 
 
@@ -212,7 +249,7 @@ SUITES = {
 
 def default_params(names):
     """`Params` of the people in the scenes of these names; ValueError where they are not the same people."""
-    return params_of([get(name) for name in names])
+    return params_of(choose(names))
 
 
 def params_of(scenes):
@@ -227,8 +264,14 @@ def params_of(scenes):
     return Params(**first.params)
 
 
-def get(name):
-    """The scene of that name; ValueError names those there are."""
-    if name not in SCENES:
-        raise ValueError(f"scene {name!r} is unknown: choose from {', '.join(SCENES)}")
-    return SCENES[name]
+def choose(names, own_scenes=()):
+    """The scenes of these names, of `SCENES` or of ``own_scenes``; ValueError: unknown, or two scenes of one name."""
+    known = dict(SCENES)
+    for scene in own_scenes:
+        if scene.name in known:
+            raise ValueError(f"own scene {scene.name!r} has the name of another scene: give it a name of its own")
+        known[scene.name] = scene
+    for name in names:
+        if name not in known:
+            raise ValueError(f"scene {name!r} is unknown: choose from {', '.join(known)}")
+    return tuple(known[name] for name in names)

@@ -74,6 +74,10 @@ class WorldConfig:
                 raise ValueError(f"world.{name} is {value!r}: give a whole number of at least {least}")
         if self.pedestrians > MAX_PEDESTRIANS:
             raise ValueError(f"world.pedestrians is {self.pedestrians}: give at most {MAX_PEDESTRIANS}")
+        for name in ("scenes", "observation"):
+            value = getattr(self, name)
+            if not isinstance(value, tuple) or not all(isinstance(item, str) for item in value):
+                raise ValueError(f"world.{name} is {value!r}: give a tuple of names")
         for part in self.observation:
             if part not in OBSERVATION_PARTS:
                 raise ValueError(f"world.observation names {part!r}: choose from {', '.join(OBSERVATION_PARTS)}")

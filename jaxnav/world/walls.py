@@ -7,12 +7,14 @@ import numpy as np
 from .geometry import closest_on_segment, cross2d, insert_nearest, norm, time_to_disc, time_to_slab
 from .types import Walls
 
+_FARTHEST = 10_000.0  # m from the origin, beyond which single precision no longer tells millimetres
+
 
 def walls_from_chains(chains):
     """`Walls` (numpy) of closed chains of (x, y) vertices, free space to the left of each edge.
 
     A chain of two vertices is a wall without thickness, free on both sides. ValueError: a chain of fewer, a coordinate
-    that is not finite, an edge without length.
+    that is not finite or beyond 10 km, an edge without length.
     """
     points, solid, before, after = [], [], [], []
     for number, chain in enumerate(chains):
@@ -34,12 +36,35 @@ def walls_from_chains(chains):
     )  # fmt: skip
 
 
+def enclosed_area(chain):
+    """Signed area, m^2, of a closed chain of (x, y) vertices: positive where it runs counter-clockwise."""
+    x, y = np.asarray(chain, float).T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def is_inside(x, y, chains):
+    """Whether points are in free space, numpy: an odd number of walls to the right; thin walls count twice."""
+    inside = np.zeros(np.shape(x), bool)
+    for chain in chains:
+        chain = np.asarray(chain, float)
+        for (ax, ay), (bx, by) in zip(chain, np.roll(chain, -1, axis=0), strict=True):
+            at = ax + (y - ay) / (by - ay if by != ay else 1.0) * (bx - ax)
+            inside ^= ((ay > y) != (by > y)) & (at > x)
+    return inside
+
+
 def _check_chain(number, chain):
     if chain.ndim != 2 or chain.shape[1] != 2 or len(chain) < 2:
         raise ValueError(f"chain {number} of the walls has shape {chain.shape}: give at least two vertices (x, y)")
     if not np.all(np.isfinite(chain)):
         vertex = int(np.argmin(np.isfinite(chain).all(axis=1)))
         raise ValueError(f"chain {number} of the walls has vertex {vertex} at {chain[vertex]}: give finite numbers")
+    if np.abs(chain).max() > _FARTHEST:
+        vertex = int(np.argmax(np.abs(chain).max(axis=1)))
+        raise ValueError(
+            f"chain {number} of the walls has vertex {vertex} at {chain[vertex]}: "
+            f"give metres, at most {_FARTHEST:.0f} from the origin"
+        )
     lengths = np.hypot(*(np.roll(chain, -1, axis=0) - chain).T)
     if lengths.min() < 1e-4:
         vertex = int(np.argmin(lengths))

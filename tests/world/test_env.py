@@ -239,6 +239,12 @@ def test_params_out_of_range_are_refused_by_name_value_and_range(field, value, r
         check_params(params.replace(**{field: np.array([Params()[field], value])}))
 
 
+@pytest.mark.parametrize("scene", [3, 7, -1, np.int32(3)])
+def test_a_scene_out_of_range_is_refused(scene):
+    with pytest.raises(ValueError, match=rf"scene is {scene}: give an index into world\.scenes, 0 to 2"):
+        World().reset(jax.random.key(0), Params(), scene)
+
+
 def test_params_within_their_range_pass_and_so_do_traced_ones():
     check_params(Params(compliance=0.0, small_talk=1.0, awareness=0.0, preferred_speed=0.0, reward_step=5.0))
     jax.eval_shape(check_params, Params(dt=-1.0))
@@ -250,6 +256,7 @@ def test_params_within_their_range_pass_and_so_do_traced_ones():
         ("pedestrians", 0), ("pedestrians", 1.5), ("nearest", 0), ("beams", 1), ("beams", True), ("wall_neighbors", -1),
         ("max_neighbors", 0), ("scan_delay", -1), ("control_delay", 0.5),
         ("observation", ("scan", "smell")), ("reward", "paper"), ("scenes", ()),
+        ("scenes", ["square"]), ("scenes", "square"), ("observation", ["scan"]), ("observation", "scan"),
     ],
 )  # fmt: skip
 def test_config_errors_name_the_field(field, value):

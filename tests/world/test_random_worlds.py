@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from jaxnav.world import SCENES, SUITES, Action, Params, World, WorldConfig, check_params
@@ -130,6 +130,7 @@ def test_all_is_finite_in_bounds_and_consistent(name, play, full):
 
     @settings(max_examples=500 if full else 25)
     @given(st.integers(0, 2**32 - 1), random_params(config))
+    @example(0, jax.tree.map(np.float32, Params(max_v=0.1)))  # people who have come far by the time they are met
     def holds(seed, params):
         played = play(name, seed, params)
         assert_finite(played)
@@ -173,6 +174,12 @@ def assert_states(played, config, params):
     careful = (params.dt <= params.time_horizon_walls) & (params.dt * params.max_speed <= 0.5)
     there = people.present & careful
     assert np.all(played.clearance[..., 1:][there] >= params.body_radius - 2e-3)
+    assert np.all(inside(config, states.scene, people.x, people.y)[there & (played.clearance[..., 1:] > 1e-2)])
+    starts = jax.tree.map(lambda leaf: leaf[:, 0], states)
+    for x, y in ((starts.robot.x, starts.robot.y), (starts.robot.goal_x, starts.robot.goal_y)):
+        assert np.all(inside(config, starts.scene, x[:, None], y[:, None]))
+    for x, y in ((people.x, people.y), (people.goal_x, people.goal_y)):
+        assert np.all(inside(config, starts.scene, x[:, 0], y[:, 0])[people.present[:, 0]])
     alive = np.cumsum(outcomes.terminated, axis=1) == 0
     if config.swept_collisions:
         assert np.all(played.clearance[:, 1:, 0][alive] >= params.robot_radius - 1e-3)
@@ -190,6 +197,17 @@ def assert_states(played, config, params):
     assert not np.any((encounters.message != 0) & ~(encounters.is_open & encounters.pedestrian_first))
     assert not np.any((encounters.request != 0) & (~encounters.is_open | encounters.pedestrian_first))
     assert not np.any((encounters.reply != 0) & (encounters.request == 0))
+
+
+def inside(config, scene, x, y):
+    """Whether points `[..., P]` are in the free space of scenes `[...]`: the chains go around them once, by angle."""
+    around = np.zeros((len(config.scenes), *x.shape))
+    for number, name in enumerate(config.scenes):
+        for chain in SCENES[name].chains:
+            to = np.array([complex(*vertex) for vertex in chain]) - (x + 1j * y)[..., None]
+            around[number] += np.angle(np.roll(to, -1, axis=-1) / to).sum(axis=-1) / (2 * np.pi)
+    chosen = np.take_along_axis(around, np.broadcast_to(scene[..., None], x.shape)[None], axis=0)[0]
+    return np.abs(chosen - 1.0) < 1e-3
 
 
 def assert_dialogue(said):

@@ -1,5 +1,7 @@
 """Scenes: shapes, fair starts, and hard enough to be worth training on."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -54,7 +56,7 @@ def test_crosswalk_is_two_corridors_of_2_6_m():
     assert clearance("crosswalk", *at.T) == pytest.approx([0.05, 0.05, 0.05, 0.05, 0.05, 1.3 * np.sqrt(2)])
 
 
-@pytest.mark.parametrize("speed", [0.5, 1.2])
+@pytest.mark.parametrize("speed", [0.5, 1.2, 5.0])
 @pytest.mark.parametrize("scene", range(3), ids=NAMES)
 def test_starts_and_goals_keep_their_distances(scene, speed, starts):
     """Also for people who walk faster than the robot."""
@@ -149,4 +151,80 @@ def test_an_unknown_scene_is_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"'moon'.*square, hallway, crosswalk"):
         World(WorldConfig(scenes=("square", "moon")))
     with pytest.raises(ValueError, match="moon"):
-        scenes.get("moon")
+        scenes.default_params(("square", "moon"))
+
+
+ROOM = dataclasses.replace(SCENES["square"], name="room")
+PILLAR = ((1.0, 1.0), (1.0, 2.0), (2.0, 2.0), (2.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("chains", (), "chains is empty: give at least one"),
+        ("chains", (((0, 0), (1, 0)),), r"chains enclose 0 m\^2"),
+        ("chains", (ROOM.chains[0][::-1],), r"chains enclose -100 m\^2: draw rooms counter-clockwise"),
+        ("chains", (((0, 0), (1e39, 0), (0, 1)),), r"vertex 1 at .*: give metres, at most 10000"),
+        ("chains", (((0, 0), (1, np.inf), (0, 1)),), "vertex 1 at .*: give finite numbers"),
+        ("floors", (), "floors is empty: give at least one"),
+        ("floors", ((0, 0, 1, 1), (1, 0, 1, 2)), r"floors has \(1, 0, 1, 2\) as number 1: give finite"),
+        ("floors", ((0, 0, np.nan, 1),), "as number 0: give finite"),
+        ("floors", ((0, 0, 1),), "as number 0: give finite"),
+        ("sight", "far", "sight is 'far': choose from all, line, none"),
+        ("crowd", (0, 1), r"crowd is \(0, 1\): give .* from 1 to 64"),
+        ("crowd", (3, 2), r"crowd is \(3, 2\)"),
+        ("crowd", (1, 65), r"crowd is \(1, 65\)"),
+        ("crowd", (1, 1.5), r"crowd is \(1, 1.5\)"),
+        ("params", {"speed": 1.0}, "params names 'speed': give fields of Params"),
+    ],
+)
+def test_a_scene_is_refused_by_name_field_and_remedy(field, value, message):
+    with pytest.raises(ValueError, match=f"^scene room: .*{message}"):
+        dataclasses.replace(ROOM, **{field: value})
+
+
+def world_of(*own, pedestrians=1):
+    return World(WorldConfig(scenes=tuple(scene.name for scene in own), pedestrians=pedestrians), own)
+
+
+def test_own_scenes_have_names_of_their_own():
+    world_of(ROOM)
+    with pytest.raises(ValueError, match="own scene 'square' has the name of another"):
+        world_of(SCENES["square"])
+    with pytest.raises(ValueError, match="own scene 'room' has the name of another"):
+        World(WorldConfig(scenes=("room",)), [ROOM, ROOM])
+
+
+def test_default_params_of_a_world_know_its_own_scenes():
+    fast = dataclasses.replace(ROOM, params={"max_speed": 2.0})
+    assert World(WorldConfig(scenes=("room",)), [fast]).default_params == Params(max_speed=2.0)
+    with pytest.raises(ValueError, match="mixes square and room"):
+        _ = World(WorldConfig(scenes=("square", "room")), [fast]).default_params
+
+
+def test_starts_that_overlap_or_are_outside_are_refused():
+    def together(u, robot_speed, speed):
+        robot, walker = ROOM.meet(u, robot_speed, speed)
+        return robot, (*robot[:2], *walker[2:])
+
+    def far(u, robot_speed, speed):
+        robot, walker = ROOM.meet(u, robot_speed, speed)
+        return robot, (walker[0] + 50.0, *walker[1:])
+
+    with pytest.raises(ValueError, match=r"scene room: meet starts robot and pedestrian 0.00 m apart.* 1.5 m"):
+        world_of(dataclasses.replace(ROOM, meet=together))
+    with pytest.raises(ValueError, match=r"scene room: meet, stroll or floors place somebody at .*, outside"):
+        world_of(dataclasses.replace(ROOM, meet=far))
+    wide = dataclasses.replace(ROOM, floors=((-9.0, -5.0, 9.0, 5.0),))
+    world_of(wide)  # nobody strolls
+    with pytest.raises(ValueError, match="outside"):
+        world_of(wide, pedestrians=2)
+    pillar = dataclasses.replace(ROOM, chains=(*ROOM.chains, PILLAR))
+    world_of(pillar)
+    with pytest.raises(ValueError, match="outside"):
+        world_of(pillar, pedestrians=2)
+
+
+def test_a_world_of_an_own_scene_is_made_within_a_trace():
+    state = jax.eval_shape(lambda key: world_of(ROOM).reset(key, Params()), jax.random.key(0))
+    assert state.robot.x.shape == ()

@@ -30,6 +30,7 @@ def test_chains_keep_their_neighbours():
     [
         ([(0, 0)], "at least two vertices"),
         ([(0, 0), (1, np.nan), (1, 1)], r"vertex 1 at .* give finite numbers"),
+        ([(0, 0), (1, 0), (0, -10_001)], r"vertex 2 at .* give metres, at most 10000"),
         ([(0, 0), (1, 0), (1, 0), (0, 1)], r"edge of 0 m after vertex 1"),
         ([(0, 0), (1, 0), (0, 0)], r"edge of 0 m after vertex 2"),
         ([(0, 0, 0), (1, 0, 0)], "shape"),
