@@ -237,9 +237,9 @@ def draw_crowds(results, path):
     figure = Figure(figsize=(8, 3.2), layout="constrained")
     counts = [result["pedestrians"] for result in results]
     quantities = (
-        ("time, microseconds", [1e6 / result["rate_per_s"] for result in results]),
+        ("microseconds", [1e6 / result["rate_per_s"] for result in results]),
         (
-            "memory, kB",
+            "kB of memory",
             [1e3 * result["memory_mb"] / (result["episodes"] * result["pedestrians"]) for result in results],
         ),
     )
@@ -249,7 +249,7 @@ def draw_crowds(results, path):
         axes.set_xticks(counts, counts)
         axes.set_ylim(0, 1.15 * max(values))
         axes.set_xlabel("pedestrians in an episode")
-        axes.set_ylabel(f"{label}, of a pedestrian-step")
+        axes.set_ylabel(f"{label} a pedestrian-step")
         axes.grid(color="#ECEEF1")
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=150)
