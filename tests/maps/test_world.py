@@ -101,16 +101,21 @@ def test_contacts_are_those_with_all_walls_up_to_the_margin(office, flat, seed):
     """Bodies of 0.5 m that drive 2.5 m from anywhere in a cave of sharp corners, by the world's own search."""
     radius, chord = 0.5, 2.5
     chains = polygons.wall_chains(polygons.simple_border(flat.blobs(seed, (24, 30))), 1.0)
-    cave = dataclasses.replace(
-        office, chains=tuple(tuple(map(tuple, chain.tolist())) for chain in chains),
-        cells=visibility.visible_walls(chains, 0.5, radius + chord, 12.0),
-    )  # fmt: skip
-    walls = World(WorldConfig(scenes=(cave.name,)), [cave]).walls(0)
-    flat_walls = flat.wall_array(cave.chains)
+    flat_walls = flat.wall_array(chains)
     rng = np.random.default_rng(seed)
     points = rng.uniform((0, 0), (30, 24), (20_000, 2))
     points = points[flat.inside(points, flat_walls)]
     points = points[flat.distances(points, flat_walls) > radius]
+    west, east = points[np.argmin(points[:, 0])], points[np.argmax(points[:, 0])]
+
+    def meet(numbers, *_):
+        return [[jnp.full_like(numbers[0], a) for a in route] for route in ((*west, *east), (*east, *west, *west))]
+
+    cave = dataclasses.replace(
+        office, chains=tuple(tuple(map(tuple, chain.tolist())) for chain in chains), meet=meet,
+        cells=visibility.visible_walls(chains, 0.5, radius + chord, 12.0),
+    )  # fmt: skip
+    walls = World(WorldConfig(scenes=(cave.name,)), [cave]).walls(0)
     angles = rng.uniform(-np.pi, np.pi, len(points))
 
     def time(x, y, angle, walls):
