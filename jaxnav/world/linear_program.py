@@ -58,7 +58,9 @@ def _decided_velocity(decision, walls, planes, preferred_vx, preferred_vy, max_s
     t = jnp.where(bound == _LOW, low, jnp.where(bound == _HIGH, high, t))
     t = jnp.where(bound >= _BOUNDS, _crossing(first, second)[0], t)
     placed = line > 0
-    return jnp.where(placed, first.x + t * first.dx, vx), jnp.where(placed, first.y + t * first.dy, vy)
+    vx, vy = jnp.where(placed, first.x + t * first.dx, vx), jnp.where(placed, first.y + t * first.dy, vy)
+    # Where lines cross at a small angle rounding can exceed the speed, by 2e-5 of it in random crowds.
+    return _shrink(vx, vy, max_speed)
 
 
 def _pick(planes, index):
