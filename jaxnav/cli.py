@@ -1,23 +1,19 @@
-"""The command line: jaxnav train | evaluate | render."""
+"""The command line: jaxnav train | evaluate | render | talk | understand | language."""
 
 import time
 
 _STARTED = time.monotonic()  # training time counts from the start of the process, imports included
 
-import contextlib
 import dataclasses
-import io
-import itertools
 import json
 import os
-import pathlib
-import re
 import sys
 from typing import Annotated
 
 import tyro
 from rich.console import Console
 
+from .command import check_policy, check_seed, enable_compilation_cache, parse
 from .errors import UserError, remedy
 from .terminal import print_result, training_progress
 
@@ -30,6 +26,9 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   train            train a robot, evaluate it and draw it; without options: the quick preset, CPU minutes
   evaluate RUN     play a run's policy again: more episodes, other seeds
   render RUN       draw a run's pictures again
+  talk RUN         speak for a pedestrian while a run's robot drives, and see what it understands, does and says
+  understand       what sentences mean to a run's policy
+  language build   embed the phrases anew, after phrases.csv was changed
 
   jaxnav train --preset lidar --seed 1             longer, best quality
   jaxnav train --scene hallway --out runs/hall     one scene
@@ -37,13 +36,18 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   jaxnav train --scene map.yaml --out runs/mine    your own building, a ROS map
   jaxnav train --resume --out runs/quick-0         go on after an interruption
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
+  jaxnav talk runs/quick-0 --scene hallway
+  jaxnav understand --run runs/quick-0 "I'm in a hurry" "Watch out on your right!"
 """
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of the console script. Exits with 2 after an error that the user can mend."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    commands = {"train": _train, "evaluate": _evaluate, "render": _render}
+    commands = {
+        "train": _train, "evaluate": _evaluate, "render": _render, "talk": _talk, "understand": _understand,
+        "language": _language,
+    }  # fmt: skip
     if not arguments or arguments[0] in ("-h", "--help"):
         print(_HELP, end="")
         sys.exit(0 if arguments else 2)
@@ -59,8 +63,12 @@ def main(arguments: list[str] | None = None) -> None:
     except UserError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        print("interrupted; jaxnav train --resume with the same options goes on", file=sys.stderr)
+        goes_on = "; jaxnav train --resume with the same options goes on" if arguments[0] == "train" else ""
+        print(f"interrupted{goes_on}", file=sys.stderr)
         sys.exit(130)
+    except BrokenPipeError:  # who reads our output has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
 
 
 def _fail(message):
@@ -80,8 +88,8 @@ def _train(arguments):
     if scene is not None:
         # The people of a scene are the defaults of --world.params, which the command line may still change.
         default = dataclasses.replace(default, scene=scene, world=default.world.of_scenes(scene_names(scene)))
-    config = resolve(_parse(RunConfig, arguments, "train", "Train a robot.", default=default))
-    _enable_compilation_cache()
+    config = resolve(parse(RunConfig, arguments, "train", "Train a robot.", default=default))
+    enable_compilation_cache()
     run = Run(config)
     run.prepare_folder()
     # Plain text: a folder may be called [bold], and what is copied from here must not be broken into lines.
@@ -117,6 +125,7 @@ class _EvaluateOptions:
         seed: of the episodes.
         scene: all, or one scene of the run.
         policy: last, or best: the one with the best evaluation during training.
+        phrases: what people say: test, sentences of patterns never heard in training; validation; or train.
         json: print one JSON object instead of a table.
     """
 
@@ -125,25 +134,30 @@ class _EvaluateOptions:
     seed: int = 0
     scene: str = "all"
     policy: str = "last"
+    phrases: str = "test"
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
 
 
 def _evaluate(arguments):
     from .training.run import Run
 
-    options = _parse(_EvaluateOptions, arguments, "evaluate")
+    options = parse(_EvaluateOptions, arguments, "evaluate")
     if not 1 <= options.episodes <= 1_000_000:
         raise UserError(f"--episodes is {options.episodes}: give a whole number from 1 to 1000000")
-    _check_seed(options.seed)
-    _check_policy(options.policy)
-    _enable_compilation_cache()
+    check_seed(options.seed)
+    check_policy(options.policy)
+    if options.phrases not in ("train", "validation", "test"):
+        raise UserError(f"--phrases {options.phrases!r} is unknown: choose test, validation or train")
+    enable_compilation_cache()
     run = Run.open(options.run)
     scenes = [scene.name for scene in run.world.scenes]
     if options.scene not in ("all", *scenes):
         raise UserError(f"--scene {options.scene!r} is not in this run: choose all or one of {', '.join(scenes)}")
     actor = run.actor(run.restore(), options.policy)
     with Console(stderr=True).status("evaluating"):
-        result = run.evaluator.evaluate(actor, options.policy, options.episodes, options.seed)
+        result = run.evaluator.evaluate(actor, options.policy, options.episodes, options.seed, options.phrases)
+    if run.config.agent.language == "phrases":
+        result["phrases"] = options.phrases
     if options.scene != "all":
         result["scenes"] = {options.scene: result["scenes"][options.scene]}
     if options.json:
@@ -170,15 +184,33 @@ class _RenderOptions:
 def _render(arguments):
     from .training.run import Run
 
-    options = _parse(_RenderOptions, arguments, "render")
-    _check_seed(options.seed)
-    _check_policy(options.policy)
-    _enable_compilation_cache()
+    options = parse(_RenderOptions, arguments, "render")
+    check_seed(options.seed)
+    check_policy(options.policy)
+    enable_compilation_cache()
     run = Run.open(options.run)
     actor = run.actor(run.restore(), options.policy)
     with Console(stderr=True).status("drawing"):
         paths = _draw(run, actor, options.seed)
     print("\n".join(str(path) for path in paths))
+
+
+def _talk(arguments):
+    from .cli_language import talk
+
+    talk(arguments)
+
+
+def _understand(arguments):
+    from .cli_language import understand
+
+    understand(arguments)
+
+
+def _language(arguments):
+    from .cli_language import language
+
+    language(arguments)
 
 
 def _draw(run, actor, seed):
@@ -228,23 +260,6 @@ def _worth_watching(episodes):
     return chosen
 
 
-def _parse(cls, arguments, command, description=None, default=tyro.MISSING_NONPROP):
-    """``cls`` from the command line; what tyro would say in a box of many lines is a `UserError` of one."""
-    complaint = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(complaint):
-            return tyro.cli(cls, args=arguments, prog=f"jaxnav {command}", description=description, default=default)
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-        # The box, drawn with lines or, where the terminal has none, without: a title, the text, a rule, where to look.
-        lines = [line.strip("│ ") for line in complaint.getvalue().splitlines()[1:]]
-        lines = itertools.takewhile(lambda line: not line.startswith("For full helptext"), lines)
-        text = " ".join(line for line in lines if line.strip("─-"))
-        text = re.sub(r"^Error parsing (?:(?!--)\S+: )?", "", text)
-        raise UserError(f"{text} (jaxnav {command} --help lists the options)") from None
-
-
 def _option(arguments, name):
     """The value of an option that has to be known before the others are parsed."""
     value = None
@@ -254,26 +269,6 @@ def _option(arguments, name):
         elif argument.startswith(name + "="):
             value = argument[len(name) + 1 :]
     return value  # the last counts, as for every option
-
-
-def _check_seed(seed):
-    if not 0 <= seed < 2**32:
-        raise UserError(f"--seed is {seed}: give a whole number from 0 to {2**32 - 1}")
-
-
-def _check_policy(policy):
-    if policy not in ("last", "best"):
-        raise UserError(f"--policy {policy!r} is unknown: choose last or best")
-
-
-def _enable_compilation_cache():
-    """Keep compiled programs between processes, where JAX_COMPILATION_CACHE_DIR or the user's cache folder says."""
-    import jax
-
-    home = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
-    if jax.config.jax_compilation_cache_dir is None:
-        jax.config.update("jax_compilation_cache_dir", str(home / "jaxnav" / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,22 @@ import jaxnav
 PACKAGE = Path(jaxnav.__file__).parent
 
 # From the ground up: a room imports only rooms that stand before it.
-ROOMS = ("errors", "world", "maps", "language", "agents", "training", "render", "export", "adapters", "terminal", "cli")
+ROOMS = (
+    "errors",
+    "world",
+    "maps",
+    "language",
+    "agents",
+    "training",
+    "render",
+    "export",
+    "adapters",
+    "talk",
+    "terminal",
+    "command",
+    "cli_language",
+    "cli",
+)
 
 
 def imported_rooms(source, package):

@@ -13,10 +13,13 @@ import jax
 import jax.numpy as jnp
 import optax
 
+from ..language.vocabulary import vocabulary
 from ..world import Action, Snapshot
-from ..world.types import REQUESTS
+from ..world.types import MESSAGES, REQUESTS
 from .distributions import code_log_probabilities, entropy, sample_twist
-from .networks import ENCODERS, Actor, TwinCritic
+from .networks import ENCODERS, Actor, TwinCritic, message_codes, spoken_words
+
+LANGUAGES = ("phrases", "codes")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +28,7 @@ class HSACConfig:
 
     Attributes:
         encoder: how observations become features.
+        language: what the actor hears: phrases, the embedding of a sentence; codes, the message itself as a one-hot.
         actor_widths: hidden layers of the actor.
         critic_widths: hidden layers of each critic.
         batch: transitions an update.
@@ -33,6 +37,7 @@ class HSACConfig:
     """
 
     encoder: str = "lidar"
+    language: str = "phrases"
     actor_widths: tuple[int, ...] = (128, 128)
     critic_widths: tuple[int, ...] = (128, 128)
     batch: int = 512
@@ -42,6 +47,8 @@ class HSACConfig:
     def __post_init__(self):
         if self.encoder not in ENCODERS:
             raise ValueError(f"agent.encoder {self.encoder!r} is unknown: choose from {', '.join(ENCODERS)}")
+        if self.language not in LANGUAGES:
+            raise ValueError(f"agent.language {self.language!r} is unknown: choose from {', '.join(LANGUAGES)}")
         for name in ("batch", "updates_per_step"):
             value = getattr(self, name)
             if not isinstance(value, int) or value < 1:
@@ -69,6 +76,9 @@ class Hyperparameters:
         target_entropy_code: fraction of log(number of codes), where codes count.
         initial_temperature: of twist and code.
         reward_scale: factor on rewards.
+        word_noise: norm of the noise on the unit vectors of what is said, in training.
+        word_errors: share of what is said that speech recognition garbles, in training.
+        message_weight: of the auxiliary loss, by which the actor learns what phrases mean.
     """
 
     actor_lr: float = 1e-3
@@ -81,6 +91,9 @@ class Hyperparameters:
     target_entropy_code: float = 0.36
     initial_temperature: float = 0.05
     reward_scale: float = 0.01
+    word_noise: float = 0.6
+    word_errors: float = 0.1
+    message_weight: float = 1.0
 
 
 @chex.dataclass(frozen=True)
@@ -125,6 +138,8 @@ _CODES = len(REQUESTS)
 # All parameters as one vector: less to trace and compile than a dozen operations for each of many leaves.
 _ADAM = optax.flatten(optax.scale_by_adam())
 _LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
+_PHRASES = 128  # of the auxiliary loss, an update
+_SMOOTHING = 0.05  # of its labels: what a sentence means is never quite certain
 
 
 class HSAC:
@@ -132,14 +147,16 @@ class HSAC:
 
     def __init__(self, config: HSACConfig = HSACConfig()):
         self.config = config
-        self.actor = Actor(config.encoder, config.actor_widths)
+        self.actor = Actor(config.encoder, config.actor_widths, config.language)
         self.critic = TwinCritic(config.encoder, config.critic_widths)
+        # What is spoken in training. Codes need no words.
+        self.vocabulary: Any = vocabulary("train") if config.language == "phrases" else None
 
     def init(self, key, observation, hyper: Hyperparameters) -> LearnerState:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         key_actor, key_critic = jax.random.split(key)
-        actor = self.actor.init(key_actor, observation)
-        critic = self.critic.init(key_critic, observation, jnp.zeros(2))
+        actor = self.actor.init(key_actor, observation, self._words(observation, self.vocabulary), method=_whole_actor)
+        critic = self.critic.init(key_critic, observation, message_codes(observation.dialogue), jnp.zeros(2))
         log_temperatures = {name: jnp.log(jnp.float32(hyper.initial_temperature)) for name in ("twist", "code")}
         return LearnerState(
             actor=actor,
@@ -151,17 +168,36 @@ class HSAC:
             temperature_optimiser=_ADAM.init(log_temperatures),
         )
 
-    def act(self, key, actor, observation) -> Action:
+    def act(self, key, actor, observation, hyper: Hyperparameters) -> Action:
         """Sample an action for each observation `[..., ...]`; a code that would not count is none."""
         key_twist, key_code = jax.random.split(key)
-        mean, log_std, logits = self._policy(actor, observation)
+        mean, log_std, logits = self._policy(actor, observation, self._training_vocabulary(hyper))
         twist, _ = sample_twist(key_twist, mean, log_std)
         code = jax.random.categorical(key_code, code_log_probabilities(logits, observation.may_request))
         return Action(twist=twist, code=code.astype(jnp.int32))
 
-    def best_action(self, actor, observation, voice=True) -> Action:
-        """Mean twist and most probable code; without ``voice`` the code is none."""
-        mean, _, logits = self._policy(actor, observation)
+    def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
+        """Mean twist and most probable code; without ``voice`` the code is none.
+
+        spoken: the `Vocabulary` from which what is said is drawn; by default that of training, without noise.
+        """
+        mean, _, logits = self._policy(actor, observation, self.vocabulary if spoken is None else spoken)
+        return self._best(mean, logits, observation, voice)
+
+    def spoken(self, split):
+        """The `Vocabulary` of a split of phrases; None if this agent hears codes."""
+        return vocabulary(split) if self.config.language == "phrases" else None
+
+    def answer(self, actor, observation, heard) -> Action:
+        """The best action of one who understands S_c ``heard`` `[K, 3]`, whatever the observation says."""
+        mean, _, logits = self._heard_policy(actor, observation, heard)
+        return self._best(mean, logits, observation, True)
+
+    def understand(self, actor, words) -> Any:
+        """Log-probabilities of message `[..., 4]` and reply `[..., 3]` of words `[..., D]`."""
+        return self.actor.apply(actor, words, method="understand")
+
+    def _best(self, mean, logits, observation, voice):
         log_p = code_log_probabilities(logits, observation.may_request & voice)
         return Action(twist=jnp.tanh(mean), code=jnp.argmax(log_p, axis=-1).astype(jnp.int32))
 
@@ -176,7 +212,7 @@ class HSAC:
         critic = _descend(state.critic, step, hyper.critic_lr * lr_scale)
 
         (actor_loss, entropies), gradient = jax.value_and_grad(self._actor_loss, has_aux=True)(
-            state.actor, key_actor, critic, batch, temperatures
+            state.actor, key_actor, critic, batch, temperatures, hyper
         )
         step, actor_optimiser = _ADAM.update(gradient, state.actor_optimiser)
         actor = _descend(state.actor, step, hyper.actor_lr * lr_scale)
@@ -204,20 +240,39 @@ class HSAC:
             "critic_loss": critic_loss, "actor_loss": actor_loss, "q": q,
             "twist_entropy": entropies["twist"], "code_entropy": entropies["code"],
             "twist_temperature": temperatures["twist"], "code_temperature": temperatures["code"],
+            "message_loss": entropies["message_loss"],
         }  # fmt: skip
         return new, metrics
 
-    def _policy(self, actor, observation) -> Any:
+    def _words(self, observation, spoken):
+        if self.config.language == "codes":
+            return message_codes(observation.dialogue)
+        return spoken_words(observation.dialogue, spoken)
+
+    def _training_vocabulary(self, hyper) -> Any:
+        if self.config.language == "codes":
+            return None
+        return self.vocabulary.replace(noise=hyper.word_noise, error_share=hyper.word_errors)
+
+    def _policy(self, actor, observation, spoken) -> Any:
         """Mean, log_std and logits."""
-        return self.actor.apply(actor, observation)
+        return self.actor.apply(actor, observation, self._words(observation, spoken))
+
+    def _heard_policy(self, actor, observation, heard) -> Any:
+        """The same, of one who understands S_c ``heard``."""
+        return self.actor.apply(actor, observation, heard, method="act")
 
     def _q(self, critic, observation, twist) -> Any:
-        """Q `[2, ..., codes]`."""
-        return self.critic.apply(critic, observation, twist)
+        """Q `[2, ..., codes]`. A critic serves training only: it is told what was meant."""
+        return self.critic.apply(critic, observation, message_codes(observation.dialogue), twist)
 
     def _target(self, key, state, batch, temperatures, hyper):
-        """Soft Bellman target `[batch]`: r + discount (1 - terminated) V(s')."""
-        mean, log_std, logits = self._policy(state.actor, batch.next_observation)
+        """Soft Bellman target `[batch]`: r + discount (1 - terminated) V(s'), of a robot told what was meant.
+
+        An approximation, on purpose: phrases of the train split are understood soon, and reading them again costs time.
+        """
+        heard = message_codes(batch.next_observation.dialogue)
+        mean, log_std, logits = self._heard_policy(state.actor, batch.next_observation, heard)
         log_p = code_log_probabilities(logits, batch.next_observation.may_request)
         twist, log_density = sample_twist(key, mean, log_std)
         q = self._q(state.target_critic, batch.next_observation, twist).min(axis=0)
@@ -230,9 +285,10 @@ class HSAC:
         loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
         return jnp.sum(jnp.mean(loss, axis=1)), jnp.mean(chosen)
 
-    def _actor_loss(self, actor, key, critic, batch, temperatures):
-        """-V(s) with every sample reparameterised and the code's probabilities not detached."""
-        mean, log_std, logits = self._policy(actor, batch.observation)
+    def _actor_loss(self, actor, key, critic, batch, temperatures, hyper):
+        """-V(s) with every sample reparameterised and the code's probabilities not detached, and what phrases mean."""
+        key, key_phrases = jax.random.split(key)
+        mean, log_std, logits = self._policy(actor, batch.observation, self._training_vocabulary(hyper))
         counts = batch.observation.may_request
         log_p = code_log_probabilities(logits, counts)
         twist, log_density = sample_twist(key, mean, log_std)
@@ -240,8 +296,27 @@ class HSAC:
         loss = -jnp.mean(soft_value(q, log_density, log_p, counts, temperatures))
         counted = jnp.sum(counts)
         code_entropy = jnp.sum(jnp.where(counts, entropy(log_p), 0.0)) / jnp.maximum(counted, 1)
-        entropies = {"twist": -jnp.mean(log_density), "code": code_entropy, "counted": counted}
-        return loss, jax.lax.stop_gradient(entropies)
+        message_loss = self._message_loss(actor, key_phrases, hyper)
+        entropies = {
+            "twist": -jnp.mean(log_density), "code": code_entropy, "counted": counted, "message_loss": message_loss,
+        }  # fmt: skip
+        return loss + hyper.message_weight * message_loss, jax.lax.stop_gradient(entropies)
+
+    def _message_loss(self, actor, key, hyper):
+        """Cross-entropy of message and reply over phrases of the train split, every message as often as any other."""
+        if self.config.language == "codes":
+            return jnp.float32(0.0)
+        spoken = self._training_vocabulary(hyper)
+        key_message, key_word = jax.random.split(key)
+        message = jax.random.randint(key_message, (_PHRASES,), 0, len(MESSAGES))
+        index, word = spoken.phrase(message, jax.random.bits(key_word, (_PHRASES,), jnp.uint32))
+        meant = jnp.asarray(spoken.message)[index], jnp.asarray(spoken.reply)[index]
+        said = self.understand(actor, spoken.vectors(index, word))
+        return sum(
+            -jnp.mean((1.0 - _SMOOTHING) * jnp.take_along_axis(p, label[:, None].astype(jnp.int32), axis=-1))
+            - _SMOOTHING * jnp.mean(jnp.where(p > -1e8, p, 0.0))
+            for p, label in zip(said, meant, strict=True)
+        )
 
 
 def soft_value(q, log_density, log_p, counts, temperatures):
@@ -253,6 +328,13 @@ def soft_value(q, log_density, log_p, counts, temperatures):
     bonus = jnp.where(counts, entropy(log_p) - jnp.log(_CODES), 0.0)
     expected = jnp.sum(jnp.exp(log_p) * q, axis=-1)
     return expected - temperatures["twist"] * log_density + temperatures["code"] * bonus
+
+
+def _whole_actor(actor, observation, words):
+    """What `Actor` computes, and what it understands: all its parameters."""
+    if actor.language == "phrases":
+        actor.understand(words)
+    return actor(observation, words)
 
 
 def _descend(params, step, lr):

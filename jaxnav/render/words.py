@@ -59,6 +59,8 @@ def captions(episode, t, hearing=True):
 
     speaker: "robot", "pedestrian", or "" for a remark about an encounter in which nothing has been said.
     """
+    if episode.speech is not None:
+        return episode.speech[t]
     encounters = episode.states.encounters
     count = len(episode.present)
     spoken, chats, remarks = [], [], []

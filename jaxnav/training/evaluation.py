@@ -31,11 +31,12 @@ def wilson_interval(successes, trials, z=1.959964):
 
 
 def make_policy(agent):
-    """A `Policy` whose parameters are (actor parameters, voice): without voice every code is none."""
+    """A `Policy` whose parameters are (actor parameters, voice, spoken): without voice every code is none; spoken: the
+    `Vocabulary` that people use, None for an agent that hears codes."""
 
     def policy(policy_params, state, world, params):
-        actor, voice = policy_params
-        return agent.best_action(actor, world.observe(state, params), voice)
+        actor, voice, spoken = policy_params
+        return agent.best_action(actor, world.observe(state, params), voice, spoken)
 
     return policy
 
@@ -50,44 +51,48 @@ class Evaluator:
     """Plays the policy, its muted twin and the straight line through one compiled program."""
 
     def __init__(self, world, agent, params):
-        self.world, self.params = world, params
+        self.world, self.params, self.agent = world, params, agent
         scenes = jnp.repeat(jnp.arange(len(world.scenes)), BLOCK)
         limit = math.ceil(float(params.max_steps))
         policy = make_policy(agent)
 
         def either(policy_params, state, world, params):
-            actor, voice, straight = policy_params
-            learnt = policy((actor, voice), state, world, params)
+            actor, voice, spoken, straight = policy_params
+            learnt = policy((actor, voice, spoken), state, world, params)
             ruled = straight_line(None, state, world, params)
             return jax.tree.map(lambda a, b: jnp.where(straight, a, b), ruled, learnt)
 
-        def block(actor, voice, straight, seed, first):
+        def block(actor, voice, spoken, straight, seed, first):
             # The same keys in every scene and for every robot: differences between robots are not luck.
             keys = jnp.tile(episode_keys(seed, first + jnp.arange(BLOCK)), len(world.scenes))
-            summary = play(world, params, either, (actor, voice, straight), keys, scenes, limit)
+            summary = play(world, params, either, (actor, voice, spoken, straight), keys, scenes, limit)
             return jax.tree.map(lambda leaf: leaf.reshape(len(world.scenes), BLOCK), summary)
 
         self._block = jax.jit(block)
 
-    def summaries(self, actor, episodes, seed, voice=True, straight=False) -> EpisodeSummary:
-        """Numpy summaries `[scenes, episodes]`; the first n of more episodes are the same n."""
+    def summaries(self, actor, episodes, seed, voice=True, straight=False, phrases="test") -> EpisodeSummary:
+        """Numpy summaries `[scenes, episodes]`; the first n of more episodes are the same n.
+
+        phrases: the split from which people speak.
+        """
+        spoken = self.agent.spoken(phrases)
         blocks = [
-            jax.device_get(self._block(actor, voice, straight, np.uint32(seed), first))
+            jax.device_get(self._block(actor, voice, spoken, straight, np.uint32(seed), first))
             for first in range(0, episodes, BLOCK)
         ]
         return EpisodeSummary(*(np.concatenate(leaves, axis=1)[:, :episodes] for leaves in zip(*blocks, strict=True)))
 
     def success(self, actor, seed):
-        """Success in each scene over `BLOCK` episodes: what training logs."""
-        arrived = self.summaries(actor, BLOCK, seed).arrived
+        """Success in each scene over `BLOCK` episodes, with validation phrases: what training logs."""
+        arrived = self.summaries(actor, BLOCK, seed, phrases="validation").arrived
         return {scene.name: float(rate) for scene, rate in zip(self.world.scenes, arrived.mean(axis=1), strict=True)}
 
-    def evaluate(self, actor, policy_name, episodes, seed):
+    def evaluate(self, actor, policy_name, episodes, seed, phrases="test"):
         """The contents of evaluation.json; ``complied`` is a share of the requests that got a reply."""
         start = time.monotonic()
-        played = self.summaries(actor, episodes, seed)
-        muted = self.summaries(actor, episodes, seed, voice=False)
-        straight = self.summaries(actor, episodes, seed, straight=True)
+        played = self.summaries(actor, episodes, seed, phrases=phrases)
+        muted = self.summaries(actor, episodes, seed, voice=False, phrases=phrases)
+        straight = self.summaries(actor, episodes, seed, straight=True, phrases=phrases)
         scenes = {
             scene.name: _scene_metrics(*(EpisodeSummary(*(leaf[i] for leaf in s)) for s in (played, muted, straight)))
             for i, scene in enumerate(self.world.scenes)

@@ -108,7 +108,7 @@ class Trainer:
 
         snapshots = jax.vmap(world.snapshot)(states)
         observations = jax.vmap(world.render, in_axes=(0, None))(snapshots, params)
-        action = self.agent.act(key_act, loop.learner.actor, observations)
+        action = self.agent.act(key_act, loop.learner.actor, observations, hyper)
         keys = jax.random.split(key_world, episodes)
         states, outcome = jax.vmap(world.step, in_axes=(0, 0, 0, None))(keys, states, action, params)
 

@@ -19,11 +19,15 @@ Policy = Callable
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """One recorded episode of n steps, as numpy arrays: states has leaves `[n + 1, ...]`, outcomes `[n, ...]`."""
+    """One recorded episode of n steps, as numpy arrays: states has leaves `[n + 1, ...]`, outcomes `[n, ...]`.
+
+    speech: for each state the lines (speaker, sentence) to show with it, where somebody spoke in words of their own.
+    """
 
     scene: str
     states: State
     outcomes: Outcome
+    speech: list | None = None
 
     @property
     def present(self):

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..agents.hsac import HSAC
 from ..errors import UserError, remedy
+from ..language.table import default_table
 from .checkpoint import Checkpoints
 from .config import RunConfig, differences, from_json, resolve, to_json
 from .evaluation import Evaluator, episode_keys, make_policy
@@ -82,13 +83,24 @@ class Run:
     def open(cls, folder):
         """The run that lies in ``folder``; UserError if there is none."""
         path = pathlib.Path(folder) / "config.json"
+        default_table()  # what is wrong with it is not the run's fault
         try:
-            config = from_json(RunConfig, json.loads(path.read_text())["config"])
-            return cls(resolve(dataclasses.replace(config, out=str(folder))))
+            stored = json.loads(path.read_text())
+            run = cls(resolve(dataclasses.replace(from_json(RunConfig, stored["config"]), out=str(folder))))
         except (FileNotFoundError, NotADirectoryError):
             raise UserError(f"{folder} holds no run: there is no {path}") from None
         except (UserError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} can't be read ({error}): train anew with another --out") from error
+        if stored.get("embeddings") != run._embeddings():
+            raise UserError(
+                f"{folder} was trained with another table of embeddings than this jaxnav has: use the version that "
+                "trained it, or train anew with another --out"
+            )
+        return run
+
+    def _embeddings(self):
+        """What tells the table of embeddings it hears; None if it hears codes."""
+        return default_table().fingerprint if self.config.agent.language == "phrases" else None
 
     def prepare_folder(self):
         """Make the run's folder, or check that it holds the run to resume.
@@ -119,7 +131,9 @@ class Run:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(f"--out {self.folder} can't be made ({error.strerror}): give another --out") from error
-        self.write_json("config.json", {"config": to_json(self.config), **provenance()})
+        self.write_json(
+            "config.json", {"config": to_json(self.config), "embeddings": self._embeddings(), **provenance()}
+        )
 
     def train(self, report, started):
         """Train to the end, from the newest checkpoint if the configuration says resume. Returns `Progress`.
@@ -185,7 +199,8 @@ class Run:
         keys = episode_keys(seed, jnp.asarray(episodes))
         limit = math.ceil(float(self.params.max_steps))
         policy = make_policy(self.agent)
-        return record(self.world, self.params, policy, (actor, True), keys, jnp.asarray(scenes), limit)
+        policy_params = actor, True, self.agent.spoken("test")  # as in an evaluation
+        return record(self.world, self.params, policy, policy_params, keys, jnp.asarray(scenes), limit)
 
     def metrics(self):
         """The lines of metrics.jsonl; one that a kill cut off at the end is left out."""

@@ -46,6 +46,22 @@ def receive(encounter, asked, fate, params):
     return encounter.replace(request=request, reply=reply)
 
 
+def speak(encounter, robot, pedestrian, message):
+    """The encounter after the pedestrian, unprompted, has said ``message``: open, and its turn from now on.
+
+    For people who are not simulated: those of the world speak when an encounter opens (`advance`).
+    """
+    ux, uy = _walking_direction(pedestrian)
+    robot_ux, robot_uy = unit(robot.goal_x - robot.x, robot.goal_y - robot.y)
+    yes, zero = jnp.bool_(True), jnp.int32(0)
+    return encounter.replace(
+        met=yes, is_open=yes, age=zero, pedestrian_first=yes, message=jnp.int32(message), message_age=zero,
+        request=zero, request_age=zero, reply=zero, utterance=jnp.uint32(1), grown=zero,
+        distance=norm(pedestrian.x - robot.x, pedestrian.y - robot.y), x=pedestrian.x, y=pedestrian.y, ux=ux, uy=uy,
+        robot_x=robot.x, robot_y=robot.y, robot_ux=robot_ux, robot_uy=robot_uy,
+    )  # fmt: skip
+
+
 def obeyed_request(encounter, fate, params):
     """The request the pedestrian is carrying out in this step, else none."""
     obeys = encounter.is_open & (encounter.reply == AGREES)

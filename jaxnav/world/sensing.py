@@ -33,7 +33,7 @@ def render(snapshot, walls, sight, config, params):
         if "sensor_map" in config.observation:
             parts["sensor_map"] = sensor_map(scan, params)
     if {"pedestrians", "dialogue", "pedestrian_map"} & set(config.observation):
-        order = _nearest(seen, snapshot, config)
+        order = nearest_first(seen, snapshot, config)
         nearest = jax.tree.map(lambda leaf: leaf[order], seen)
         in_sight = nearest.present if sight is None else nearest.present & in_sight_of(snapshot, nearest, walls, sight)
         listed = pedestrian_list(nearest, in_sight, snapshot, cos, sin)
@@ -78,7 +78,7 @@ def _scan(snapshot, walls, config, params):
     return ranges
 
 
-def _nearest(seen, snapshot, config):
+def nearest_first(seen, snapshot, config):
     """Indices `[K]` of the nearest pedestrians."""
     count = min(config.nearest, config.pedestrians)
     if config.pedestrians == 1:

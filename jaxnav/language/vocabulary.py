@@ -1,0 +1,97 @@
+"""Which phrase is said: (message, utterance) -> a vector, as a pure function on the device."""
+
+import chex
+import jax.numpy as jnp
+import numpy as np
+
+from ..world.types import MESSAGES
+from .phrases import SPLITS
+from .table import DIMENSIONS, default_table
+
+ERROR = "speech-recognition error"
+_NOISES = 1024
+
+
+@chex.dataclass(frozen=True)
+class Vocabulary:
+    """The phrases that are spoken: all of a table, of which the bounds below let those of one split be drawn.
+
+    said: `[M, DIMENSIONS]`; row, side, message, reply: `[N]`, phrases ordered by split, message and, last, recognition
+    errors; first, clean, errors: `[4]` where a message's phrases begin, how many there are, and how many more that
+    speech recognition garbled; error_share: of draws that are garbled; noise: norm of the noise that is added to a
+    vector, drawn from noises `[n, DIMENSIONS]`.
+    """
+
+    said: chex.Array
+    row: chex.Array
+    side: chex.Array
+    message: chex.Array
+    reply: chex.Array
+    first: chex.Array
+    clean: chex.Array
+    errors: chex.Array
+    error_share: chex.Array
+    noise: chex.Array
+    noises: chex.Array
+
+    def look_up(self, message, utterance):
+        """Vectors `[..., DIMENSIONS + 1]` of what was said; zero where ``utterance`` is 0.
+
+        The utterance alone decides on phrase, garbling and noise: a message that is held stays the same vector.
+        """
+        return self.vectors(*self.phrase(message, utterance)) * (utterance != 0)[..., None]
+
+    def phrase(self, message, utterance):
+        """(index of the phrase, a random uint32) for a message and an utterance."""
+        word = _scramble(jnp.asarray(utterance, jnp.uint32))
+        errors, clean = jnp.asarray(self.errors)[message], jnp.asarray(self.clean)[message]
+        # The upper half decides whether it is garbled, the whole which one it is.
+        garbled = (word >> 16).astype(jnp.float32) < self.error_share * 65536.0
+        garbled = (garbled & (errors > 0)) | (clean == 0)
+        count, start = jnp.where(garbled, errors, clean), jnp.where(garbled, clean, 0)
+        word = _scramble(word)
+        picked = (word % count.astype(jnp.uint32)).astype(jnp.int32)
+        return jnp.asarray(self.first)[message] + start + picked, _scramble(word)
+
+    def vectors(self, index, word):
+        """Vectors of the phrases ``index``, with the noise that ``word`` picks."""
+        said = jnp.asarray(self.said)[jnp.asarray(self.row)[index]]
+        said += self.noise * jnp.asarray(self.noises)[(word % _NOISES).astype(jnp.int32)]
+        side = jnp.asarray(self.side)[index].astype(jnp.float32)
+        return jnp.concatenate([said, side[..., None]], axis=-1)
+
+
+def vocabulary(split="train", error_share=0.0, noise=0.0, table=None):
+    """The `Vocabulary` of a split. ValueError: there is no split of that name.
+
+    Vocabularies of one table have one shape: a compiled program takes any of them.
+    """
+    if split not in SPLITS:
+        raise ValueError(f"split is {split!r}: choose from {', '.join(SPLITS)}")
+    table = default_table() if table is None else table
+
+    def place(i):
+        phrase = table.phrases[i]
+        return SPLITS.index(phrase.split), phrase.message, phrase.kind == ERROR
+
+    order = sorted(range(len(table.phrases)), key=place)
+    places = np.array([place(i) for i in order])
+    here = places[:, 0] == SPLITS.index(split)
+    blocks = [here & (places[:, 1] == message) for message in range(len(MESSAGES))]
+    noises = np.random.default_rng(0).normal(size=(_NOISES, DIMENSIONS)) / np.sqrt(DIMENSIONS)
+    return Vocabulary(
+        said=table.said.astype(np.float32), row=table.row[order], side=table.side[order],
+        message=np.array([table.phrases[i].message for i in order], np.int8),
+        reply=np.array([table.phrases[i].reply for i in order], np.int8),
+        first=np.array([np.argmax(block) for block in blocks], np.int32),
+        clean=np.array([np.sum(block & (places[:, 2] == 0)) for block in blocks], np.int32),
+        errors=np.array([np.sum(block & (places[:, 2] == 1)) for block in blocks], np.int32),
+        error_share=np.float32(error_share), noise=np.float32(noise), noises=noises.astype(np.float32),
+    )  # fmt: skip
+
+
+def _scramble(word):
+    """A bijection of uint32 whose result looks random (the finaliser of MurmurHash3)."""
+    word = (word ^ (word >> 16)) * jnp.uint32(0x85EBCA6B)
+    word = (word ^ (word >> 13)) * jnp.uint32(0xC2B2AE35)
+    return word ^ (word >> 16)

@@ -1,0 +1,278 @@
+"""A conversation in a live episode: a person speaks for the nearest pedestrian, a trained robot drives and answers."""
+
+import collections
+import functools
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .agents.networks import message_codes
+from .errors import UserError
+from .language.sides import clean
+from .language.speaker import REPEAT, Context
+from .training.evaluation import episode_keys
+from .training.rollout import Episode
+from .world import dialogue, sensing
+from .world.geometry import cross2d
+from .world.types import AGREES, NONE, REPLIES, STOP
+
+_NEVER = 1_000_000  # steps after which a pedestrian would answer by itself
+_CAREFUL_STEPS = 5  # for which the robot goes slowly after it has asked to repeat
+_CAREFUL = -0.5  # the most of the twist's first number while it does: a quarter of top speed
+_STAND = np.array([-1.0, 0.0], np.float32)
+_ASIDE = 0.15  # m between the bodies when the pedestrian walks by one that stands
+
+
+class Conversation:
+    """An episode of a run's policy in which nobody speaks but its user.
+
+    interpreter, speaker: see `jaxnav.language`; language models are asked without waiting, so that no step is late for
+    words. `hear` runs the sentence encoder, `step` never does.
+    """
+
+    def __init__(self, run, actor, scene, seed, interpreter, speaker):
+        self._world, self._agent, self._actor = run.world, run.agent, actor
+        self._interpreter, self._speaker = interpreter, speaker
+        # Chance says nothing here: people speak when the user does.
+        self.params = run.params.replace(p_pedestrian_first=0.0, small_talk=0.0)
+        self.scene = run.world.scenes[scene]
+        key_reset, self._key = jax.random.split(episode_keys(seed, jnp.arange(1))[0])
+        state = jax.jit(run.world.reset)(key_reset, self.params, jnp.int32(scene))
+        self.state = state.replace(
+            fates=state.fates.replace(reply_delay=jnp.full_like(state.fates.reply_delay, _NEVER))
+        )
+        self._states, self._outcomes, self._speech = [self.state], [], [[]]
+        self._heard = np.zeros((run.world.config.pedestrians, 3), np.float32)
+        self._listening, self._speaking = collections.deque(), collections.deque()
+        self._careful = 0
+        self.said = []  # (seconds, speaker, sentence) of everything; of what was understood, speaker is "understood"
+        self.understood = None  # what was understood last
+
+    @property
+    def seconds(self):
+        """Time since the start."""
+        return len(self._outcomes) * float(self.params.dt)
+
+    @property
+    def ended(self):
+        """How it ended: arrived, collision, time out, or "" while it goes on."""
+        if self._outcomes:
+            last = self._outcomes[-1]
+            for event, word in (("arrived", "arrived"), ("collided", "collision"), ("truncated", "time out")):
+                if last[event]:
+                    return word
+        return ""
+
+    def hear(self, text):
+        """The pedestrian says ``text``: the robot begins to think about it."""
+        self._say("pedestrian", clean(text))
+        self._listening.append(self._interpreter.begin(text))
+
+    def step(self):
+        """One control step of ``params.dt``; what is understood or ready to be said by now counts in it."""
+        while self._listening and (found := self._listening[0].take()) is not None:
+            self._listening.popleft()
+            self._take_in(found)
+        action = _answer(self._world, self._agent, self._actor, self.state, self._heard, self.params)
+        if self._careful:
+            self._careful -= 1
+            action = action.replace(twist=action.twist.at[0].min(_CAREFUL))
+        if _may_stand(self.state, self.params):
+            action = action.replace(twist=_STAND)
+        self._key, key = jax.random.split(self._key)
+        self.state, outcome = _step(self._world, key, self.state, action, self.params)
+        outcome = jax.device_get(outcome)
+        if outcome.requested != NONE:
+            self._begin(Context(int(outcome.requested)))
+        # Who has passed has nothing more to say.
+        self._heard *= np.asarray(self.state.encounters.is_open)[:, None]
+        self._utter()
+        self._states.append(self.state)
+        self._outcomes.append(outcome)
+        self._speech.append(self._lines())
+
+    def finish_speaking(self):
+        """Wait for a sentence that is still being found; at most the time limit of a language model."""
+        while self._speaking:
+            self._speaking[0].wait()
+            self._utter()
+        self._speech[-1] = self._lines()
+
+    def episode(self):
+        """What has happened so far, to be drawn. UserError: nothing has."""
+        if not self._outcomes:
+            raise UserError("nothing has happened yet: there is no episode to draw")
+        return Episode(
+            scene=self.scene.name, states=_stack(self._states), outcomes=_stack(self._outcomes), speech=self._speech
+        )
+
+    def _take_in(self, found):
+        """Act upon what was understood."""
+        self.understood = found
+        self._say("understood", describe(found))
+        encounters, fates = self.state.encounters, self.state.fates
+        waits = np.asarray(encounters.is_open & (encounters.request != NONE) & (encounters.reply == NONE))
+        # An answer comes from whom it is awaited of, everything else from the nearest.
+        i = self._nearest(waits) if waits.any() and found.reply != NONE else self._nearest(True)
+        asked = int(encounters.request[i])
+        if waits[i] and found.reply != NONE and found.reply_confidence > 0.5:
+            self._begin(Context(asked, "robot", found.reply))
+            if found.reply == AGREES:
+                agreed = encounters.replace(reply=encounters.reply.at[i].set(AGREES))
+                # From now on, for as long as it obeys.
+                delay = fates.reply_delay.at[i].set(encounters.request_age[i])
+                comply = fates.compliance.at[i].set(-1.0)
+                self.state = self.state.replace(
+                    encounters=agreed, fates=fates.replace(reply_delay=delay, compliance=comply)
+                )
+            else:
+                # It goes first, as if it had said so: the robot yields.
+                self._speak(i, STOP, message_of(STOP))
+        elif found.unsure:
+            self._careful = _CAREFUL_STEPS
+            self._begin(REPEAT)
+        elif found.message != NONE:
+            self._speak(i, found.message, found.heard)
+            self._begin(Context(found.message, "pedestrian"))
+
+    def _speak(self, i, message, heard):
+        one = jax.tree.map(lambda leaf: leaf[i], (self.state.encounters, self.state.pedestrians))
+        spoken = dialogue.speak(one[0], self.state.robot, one[1], message)
+        encounters = jax.tree.map(lambda leaf, new: leaf.at[i].set(new), self.state.encounters, spoken)
+        self.state = self.state.replace(encounters=encounters)
+        self._heard[i] = heard
+
+    def _nearest(self, among):
+        people, robot = self.state.pedestrians, self.state.robot
+        away = jnp.hypot(people.x - robot.x, people.y - robot.y)
+        return int(jnp.argmin(jnp.where(people.present & among, away, jnp.inf)))
+
+    def _begin(self, context):
+        self._speaking.append(self._speaker.begin(context))
+
+    def _utter(self):
+        while self._speaking and (sentence := self._speaking[0].take()) is not None:
+            self._speaking.popleft()
+            self._say("robot", sentence)
+
+    def _say(self, speaker, sentence):
+        self.said.append((self.seconds, speaker, sentence))
+
+    def _lines(self):
+        """The last thing that each has said, the pedestrian first, as captions."""
+        lines = []
+        for speaker, name in (("pedestrian", "Pedestrian"), ("robot", "Robot")):
+            spoken = [(when, sentence) for when, who, sentence in self.said if who == speaker]
+            if spoken and self.seconds - spoken[-1][0] <= 8.0:
+                lines.append((speaker, f'{name}: "{spoken[-1][1]}"'))
+        return lines
+
+
+def message_of(message):
+    """S_c `[3]` of a message that is certain."""
+    return np.eye(4, dtype=np.float32)[message, 1:]
+
+
+def describe(found):
+    """What was understood, for people: "stop (0.98)"."""
+    if found.unsure:
+        return f"{found.name}? (only {found.confidence:.2f}: asks again)"
+    reply = f", a reply: {REPLIES[found.reply]}" if found.reply != NONE and found.reply_confidence > 0.5 else ""
+    return f"{found.name} ({found.confidence:.2f}){reply}"
+
+
+def read_script(path):
+    """[(seconds, sentence)] in order of time, of lines like "2.0 I'm in a hurry"; # begins a comment.
+
+    UserError names file, line and remedy.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise UserError(f"--script {path} can't be read ({error.strerror}): give a text file") from None
+    except UnicodeDecodeError:
+        raise UserError(f"--script {path} can't be read: save it in UTF-8") from None
+    script = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        when, _, sentence = line.strip().partition(" ")
+        try:
+            seconds = float(when)
+        except ValueError:
+            seconds = math.nan
+        if not 0 <= seconds < math.inf or not sentence.strip():
+            raise UserError(
+                f'--script {path}:{number} is {line!r}: write seconds and a sentence, like "2.0 Please stop"'
+            )
+        script.append((seconds, sentence.strip()))
+    if not script:
+        raise UserError(f'--script {path} says nothing: write lines like "2.0 Please stop"')
+    return sorted(script, key=lambda line: line[0])  # what is said at one time stays in its order
+
+
+def scene_map(conversation, columns=64):
+    """The scene from above in characters: # walls, R the robot, > where it heads, P people, G the goal."""
+    points = np.concatenate([np.array(chain) for chain in conversation.scene.chains])
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = (columns - 1) / (high[0] - low[0])
+    rows = max(4, round((high[1] - low[1]) * scale / 2) + 1)  # a character is twice as high as it is wide
+    canvas = np.full((rows, columns), " ")
+
+    def put(x, y, mark):
+        column = round((float(x) - low[0]) * scale)
+        row = rows - 1 - round((float(y) - low[1]) * scale / 2)
+        if 0 <= row < rows and 0 <= column < columns:
+            canvas[row, column] = mark
+
+    for chain in conversation.scene.chains:
+        corners = np.array([*chain, chain[0]])
+        for a, b in itertools.pairwise(corners):
+            for share in np.linspace(0.0, 1.0, 2 * columns):
+                put(*(a + share * (b - a)), "#")
+    robot, people = conversation.state.robot, conversation.state.pedestrians
+    put(robot.goal_x, robot.goal_y, "G")
+    heading = float(robot.heading)
+    put(
+        robot.x + 0.5 * math.cos(heading), robot.y + 0.5 * math.sin(heading), ">^<v"[round(heading / (math.pi / 2)) % 4]
+    )
+    for x, y, present in zip(people.x, people.y, people.present, strict=True):
+        if present:
+            put(x, y, "P")
+    put(robot.x, robot.y, "R")
+    return "\n".join("".join(row).rstrip() for row in canvas)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _answer(world, agent, actor, state, heard, params):
+    observation = world.observe(state, params)
+    snapshot = world.snapshot(state)
+    order = sensing.nearest_first(snapshot.pedestrians, snapshot, world.config)
+    spoke = message_codes(observation.dialogue).any(axis=-1, keepdims=True)
+    return agent.answer(actor, observation, jnp.where(spoke, heard[order], 0.0))
+
+
+@jax.jit
+def _may_stand(state, params):
+    """Whether somebody has asked the robot to stop, and nobody who has walks into it if it does.
+
+    It has promised to stop, and the policy might rather drive around: in training standing earned it little. On the
+    line of who walks straight on it goes on steering until it is aside, and stops there.
+    """
+    e, robot = state.encounters, state.robot
+    asked = e.is_open & (e.message == STOP)
+    aside = jnp.abs(cross2d(e.ux, e.uy, robot.x - e.x, robot.y - e.y))
+    clear = aside > params.robot_radius + params.body_radius + _ASIDE
+    return jnp.any(asked) & jnp.all(clear | ~asked)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _step(world, key, state, action, params):
+    return world.step(key, state, action, params)
+
+
+def _stack(items):
+    return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *items)
