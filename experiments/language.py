@@ -260,6 +260,12 @@ def rates(result, scene, robot, heard, field="success"):
     return np.array(found)
 
 
+def swept(result, scene):
+    """Success of the first seed in a scene with test phrases, by sweep; the first entry is without any."""
+    sweeps = ["test phrases", *(heard for heard in HEARD if heard not in MAIN)]
+    return {heard: rates(result, scene, "phrases", heard)[0] for heard in sweeps}
+
+
 def scenes(result):
     """(suite, scene) of everything played."""
     return list(dict.fromkeys(tuple(key.split("/")[:2]) for key in result["plays"]))
@@ -329,14 +335,22 @@ def table(result):
         mean, half = paired(result, scene, "test phrases", "codes")
         cells.insert(3, f"{100 * mean:+.2f} ± {100 * half:.2f} points")
         lines.append(f"| {suite} | {scene} | {' | '.join(cells)} |")
+    for suite in dict.fromkeys(suite for suite, _ in scenes(result)):
+        names, cells = [scene for of, scene in scenes(result) if of == suite], []
+        for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "codes")):
+            means = [rates(result, scene, robot, heard) for scene in names]
+            success = np.mean(means, axis=0) if means[0].size else means[0]
+            cells.append(f"{success.mean():.3f} ± {spread(success):.3f}" if success.size else "-")
+        cells.insert(3, "")
+        lines.append(f"| {suite} | mean of its scenes | {' | '.join(cells)} |")
     sweeps = [heard for heard in HEARD if heard not in MAIN]
     lines += [
-        "", "**Sweeps** with test phrases: success with noise of that norm on the unit vectors, and with that share "
-        "of the phrases garbled by speech recognition", "",
+        "", "**Sweeps** of the first seed with test phrases: success with noise of that norm on the unit vectors, and "
+        "with that share of the phrases garbled by speech recognition", "",
         f"| scene | test phrases | {' | '.join(sweeps)} |", f"|{'---|' * (len(sweeps) + 2)}",
     ]  # fmt: skip
     for _, scene in scenes(result):
-        cells = [f"{rates(result, scene, 'phrases', heard).mean():.3f}" for heard in ("test phrases", *sweeps)]
+        cells = [f"{success:.3f}" for success in swept(result, scene).values()]
         lines.append(f"| {scene} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
@@ -393,13 +407,13 @@ def draw(result, path):
     success.set_title("Success, by what is heard", fontsize=10)
     success.legend(frameon=False, fontsize=8, ncols=2, loc="lower left")
 
-    norms = [0.0, *(HEARD[heard][2] for heard in HEARD if heard.startswith("noise"))]
+    norms = {"test phrases": 0.0, **{heard: HEARD[heard][2] for heard in HEARD if heard.startswith("noise")}}
     for _, scene in places:
-        keys = ["test phrases", *(heard for heard in HEARD if heard.startswith("noise"))]
-        noise.plot(norms, [rates(result, scene, "phrases", heard).mean() for heard in keys], marker="o", ms=3,
-                   label=scene, color=palette.scene_colours([scene])[scene])  # fmt: skip
+        success_of = swept(result, scene)
+        noise.plot(norms.values(), [success_of[heard] for heard in norms], marker="o", ms=3, label=scene,
+                   color=palette.scene_colours([scene])[scene])  # fmt: skip
     noise.set_xlabel("norm of the noise on the embedding of what is said (its own norm is 1)")
-    noise.set_title("Success under noise, test phrases", fontsize=10)
+    noise.set_title("Success under noise, test phrases, first seed", fontsize=10)
     noise.legend(frameon=False, fontsize=8, ncols=4, loc="lower left")
     for axes in (kinds, success, noise):
         axes.spines[["top", "right"]].set_visible(False)
