@@ -384,7 +384,7 @@ def draw(result, path):
     kinds.set_xticks(range(len(KINDS)), [kind.replace(" ", "\n", 1) for kind in KINDS], fontsize=8)
     kinds.set_ylim(0.6, 1.005)
     kinds.set_title("Messages understood, by kind", fontsize=10)
-    kinds.legend(frameon=False, ncols=3, loc="lower left")
+    kinds.legend(framealpha=1.0, ncols=3, loc="lower left")
 
     places = scenes(result)
     bars = (
@@ -405,7 +405,7 @@ def draw(result, path):
     success.set_xticks(range(len(places)), [scene for _, scene in places], rotation=30, ha="right", fontsize=8)
     success.set_ylim(0.4, 1.02)
     success.set_title("Success, by what is heard", fontsize=10)
-    success.legend(frameon=False, fontsize=8, ncols=2, loc="lower left")
+    success.legend(framealpha=1.0, fontsize=8, ncols=2, loc="lower right")
 
     norms = {"test phrases": 0.0, **{heard: HEARD[heard][2] for heard in HEARD if heard.startswith("noise")}}
     for _, scene in places:
@@ -414,7 +414,7 @@ def draw(result, path):
                    color=palette.scene_colours([scene])[scene])  # fmt: skip
     noise.set_xlabel("norm of the noise on the embedding of what is said (its own norm is 1)")
     noise.set_title("Success under noise, test phrases, first seed", fontsize=10)
-    noise.legend(frameon=False, fontsize=8, ncols=4, loc="lower left")
+    noise.legend(frameon=False, fontsize=8, ncols=4, loc="center")
     for axes in (kinds, success, noise):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(axis="y", color=palette.OUTSIDE)

