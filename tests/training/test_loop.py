@@ -26,7 +26,7 @@ class Wanderer:
     def init(self, key, observation, hyper):
         return SimpleActor(actor=jnp.float32(0))
 
-    def act(self, key, actor, observation):
+    def act(self, key, actor, observation, hyper):
         may_request = observation.may_request
         twist = jax.random.uniform(key, (*may_request.shape, 2), minval=0.0)
         return Action(twist=twist, code=2 * may_request.astype(jnp.int32))
