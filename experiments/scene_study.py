@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from jaxnav.errors import UserError
+from jaxnav.training.config import differences
 from jaxnav.training.provenance import provenance
 from jaxnav.world import SCENES
 
@@ -55,9 +56,7 @@ def study(out, program, settings, names, blocks, play_scene, table, draw):
             found = play_scene(name, lambda: bar.advance(task))
             result["scenes"][name] = found | {"wall_seconds": round(time.monotonic() - start, 1)}
             result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
-            whole = path.with_suffix(".new")
-            whole.write_text(json.dumps(result, indent=1) + "\n")
-            whole.replace(path)  # an interruption leaves the old file or the new one
+            write(path, result)
     path.with_suffix(".md").write_text(table(result))
     draw(result, path.with_suffix(".png"))
     return result
@@ -71,6 +70,33 @@ def _scenes_to_keep(path, result, identity):
         return before["scenes"] if same else {}
     except (ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
+
+
+def stored(path, identity, field, empty):
+    """What an earlier call left in ``field`` of the JSON file ``path``; ``empty`` if there is no such file.
+
+    UserError: it is no result of the program, or of another configuration: its values of ``identity`` are others.
+    """
+    if not path.exists():
+        return empty
+    try:
+        before = json.loads(path.read_text())
+        changed = differences({name: before[name] for name in identity}, json.loads(json.dumps(identity)))
+        found = before[field]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
+    if changed:
+        raise UserError(
+            f"{path} is of another configuration ({', '.join(changed)} differ): give another --out, or move it away"
+        )
+    return found
+
+
+def write(path, value):
+    """Write a JSON file: an interruption leaves the old one or the new one."""
+    whole = path.with_suffix(".new")
+    whole.write_text(json.dumps(value, indent=1) + "\n")
+    whole.replace(path)
 
 
 def main(options_class, study, table, program, arguments):

@@ -33,6 +33,7 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   jaxnav train --preset lidar --seed 1             longer, best quality
   jaxnav train --scene hallway --out runs/hall     one scene
   jaxnav train --scene hard --out runs/hard        scenes in which words are needed
+  jaxnav train --algo td3                          a baseline that steers and is silent: td3, ppo or a2c
   jaxnav train --scene map.yaml --out runs/mine    your own building, a ROS map
   jaxnav train --resume --out runs/quick-0         go on after an interruption
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
@@ -77,18 +78,15 @@ def _fail(message):
 
 
 def _train(arguments):
-    from .training.config import PRESETS, RunConfig, resolve, scene_names
+    from .training.config import preset, resolve, scene_names
     from .training.run import Interrupted, Run
 
-    preset = _option(arguments, "--preset") or "quick"
-    if preset not in PRESETS:
-        raise UserError(f"preset {preset!r} is unknown: choose from {', '.join(PRESETS)}")
-    default = PRESETS[preset]
+    default = preset(_option(arguments, "--preset") or "quick", _option(arguments, "--algo") or "hsac")
     scene = _option(arguments, "--scene")
     if scene is not None:
         # The people of a scene are the defaults of --world.params, which the command line may still change.
         default = dataclasses.replace(default, scene=scene, world=default.world.of_scenes(scene_names(scene)))
-    config = resolve(parse(RunConfig, arguments, "train", "Train a robot.", default=default))
+    config = resolve(parse(type(default), arguments, "train", "Train a robot.", default=default))
     enable_compilation_cache()
     run = Run(config)
     run.prepare_folder()
@@ -156,7 +154,7 @@ def _evaluate(arguments):
     actor = run.actor(run.restore(), options.policy)
     with Console(stderr=True).status("evaluating"):
         result = run.evaluator.evaluate(actor, options.policy, options.episodes, options.seed, options.phrases)
-    if run.config.agent.language == "phrases":
+    if run.agent.spoken(options.phrases) is not None:
         result["phrases"] = options.phrases
     if options.scene != "all":
         result["scenes"] = {options.scene: result["scenes"][options.scene]}

@@ -226,7 +226,7 @@ def _open(folder, policy):
     from .training.run import Run
 
     run = Run.open(folder)
-    if run.config.agent.language != "phrases" or not run.config.world.hearing:
+    if run.agent.spoken("test") is None or not run.config.world.hearing:
         raise UserError(f"{folder} is a run whose robot hears no phrases: train one with --agent.language phrases")
     return run, run.actor(run.restore(), policy)
 

@@ -11,54 +11,66 @@ from typing import Any
 import chex
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 
 from ..language.vocabulary import vocabulary
-from ..world import Action, Snapshot
-from ..world.types import MESSAGES, REQUESTS
+from ..world import Action
+from ..world.types import MESSAGES
 from .distributions import code_log_probabilities, entropy, sample_twist
-from .networks import ENCODERS, Actor, TwinCritic, message_codes, spoken_words
+from .learner import ADAM, Batch, ReplayConfig, descend
+from .networks import NORMS, Actor, TwinCritic, message_codes, spoken_words
 
 LANGUAGES = ("phrases", "codes")
+HEADS = ("shared", "per-code")
 
 
 @dataclasses.dataclass(frozen=True)
-class HSACConfig:
+class HSACConfig(ReplayConfig):
     """Sizes of the learner: static under ``jit``.
 
     Attributes:
-        encoder: how observations become features.
-        language: what the actor hears: phrases, the embedding of a sentence; codes, the message itself as a one-hot.
+        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
         actor_widths: hidden layers of the actor.
         critic_widths: hidden layers of each critic.
         batch: transitions an update.
         updates_per_step: updates after each step of all episodes.
+        n_step: rewards that are summed before the critics are asked.
+        language: what the actor hears: phrases, the embedding of a sentence; codes, the message itself as a one-hot.
+        codes: what the robot may ask: 4; 2, none and stop; 1, nothing at all.
+        heads: of the twist: shared, one for all codes; per-code, one for each.
+        mean_tanh: squash the mean of the twist once more, as the paper's authors do: it can't quite stop.
         huber_delta: error at which the critic loss turns linear.
+        twins: the critics' judgement is their min or their mean.
+        critic: what a critic predicts: scalar, or a histogram of 51 bins of which the value is the mean.
+        critic_norm: layer, none, or batch: CrossQ, without target critics.
+        actor_every: updates of the critics for one of the actor.
     """
 
-    encoder: str = "lidar"
     language: str = "phrases"
-    actor_widths: tuple[int, ...] = (128, 128)
-    critic_widths: tuple[int, ...] = (128, 128)
-    batch: int = 512
-    updates_per_step: int = 8
+    codes: int = 4
+    heads: str = "shared"
+    mean_tanh: bool = False
     huber_delta: float = 2.0
+    twins: str = "min"
+    critic: str = "scalar"
+    critic_norm: str = "layer"
+    actor_every: int = 1
 
     def __post_init__(self):
-        if self.encoder not in ENCODERS:
-            raise ValueError(f"agent.encoder {self.encoder!r} is unknown: choose from {', '.join(ENCODERS)}")
-        if self.language not in LANGUAGES:
-            raise ValueError(f"agent.language {self.language!r} is unknown: choose from {', '.join(LANGUAGES)}")
-        for name in ("batch", "updates_per_step"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"agent.{name} is {value!r}: give a whole number of at least 1")
-        for name in ("actor_widths", "critic_widths"):
-            widths = getattr(self, name)
-            if not widths or any(width < 1 for width in widths):
-                raise ValueError(f"agent.{name} is {widths!r}: give at least one width, each at least 1")
+        super().__post_init__()
+        choices = {
+            "language": LANGUAGES, "codes": (1, 2, 4), "heads": HEADS, "twins": ("min", "mean"),
+            "critic": ("scalar", "histogram"), "critic_norm": tuple(NORMS),
+        }  # fmt: skip
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                choose = f"choose from {', '.join(map(str, allowed))}"
+                raise ValueError(f"agent.{name} {getattr(self, name)!r} is unknown: {choose}")
         if not self.huber_delta > 0:
             raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
+        if not isinstance(self.actor_every, int) or self.actor_every < 1:
+            raise ValueError(f"agent.actor_every is {self.actor_every!r}: give a whole number of at least 1")
 
 
 @chex.dataclass(frozen=True)
@@ -72,9 +84,11 @@ class Hyperparameters:
         final_lr: fraction of these rates that is left at the end of training; they decay linearly.
         discount: of the return, a step.
         tau: share of the critics that enters the target critics at each update.
+        average: share of the actor that enters, at each of its updates, the averaged one that is evaluated.
         target_entropy_twist: nats, of the twist in [-1, 1]^2.
         target_entropy_code: fraction of log(number of codes), where codes count.
         initial_temperature: of twist and code.
+        backup_entropy: share of the entropy bonus that enters the critics' targets.
         reward_scale: factor on rewards.
         word_noise: norm of the noise on the unit vectors of what is said, in training.
         word_errors: share of what is said that speech recognition garbles, in training.
@@ -84,12 +98,14 @@ class Hyperparameters:
     actor_lr: float = 1e-3
     critic_lr: float = 1e-3
     temperature_lr: float = 3e-3
-    final_lr: float = 0.0
+    final_lr: float = 1.0
     discount: float = 0.97
     tau: float = 0.01
+    average: float = 0.01
     target_entropy_twist: float = -2.0
     target_entropy_code: float = 0.36
     initial_temperature: float = 0.05
+    backup_entropy: float = 1.0
     reward_scale: float = 0.01
     word_noise: float = 0.6
     word_errors: float = 0.1
@@ -97,35 +113,11 @@ class Hyperparameters:
 
 
 @chex.dataclass(frozen=True)
-class Transition:
-    """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; code;
-    reward; terminated: True ends the return, a time-out does not."""
-
-    snapshot: Snapshot
-    next_snapshot: Snapshot
-    twist: jax.Array
-    code: jax.Array
-    reward: jax.Array
-    terminated: jax.Array
-
-
-@chex.dataclass(frozen=True)
-class Batch:
-    """What an update learns from, `[batch, ...]`: a `Transition` with its snapshots rendered."""
-
-    observation: chex.ArrayTree
-    next_observation: chex.ArrayTree
-    twist: jax.Array
-    code: jax.Array
-    reward: jax.Array
-    terminated: jax.Array
-
-
-@chex.dataclass(frozen=True)
 class LearnerState:
-    """Parameters of actor, critics and target critics, log temperatures, and the state of their optimisers."""
+    """Parameters of actor, of its average, of critics and target critics, log temperatures, states of optimisers."""
 
     actor: chex.ArrayTree
+    averaged: chex.ArrayTree
     critic: chex.ArrayTree
     target_critic: chex.ArrayTree
     log_temperatures: dict
@@ -134,21 +126,28 @@ class LearnerState:
     temperature_optimiser: chex.ArrayTree
 
 
-_CODES = len(REQUESTS)
-# All parameters as one vector: less to trace and compile than a dozen operations for each of many leaves.
-_ADAM = optax.flatten(optax.scale_by_adam())
 _LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
 _PHRASES = 128  # of the auxiliary loss, an update
 _SMOOTHING = 0.05  # of its labels: what a sentence means is never quite certain
+_ACTOR_METRICS = (
+    "actor_loss", "twist_entropy", "code_entropy", "twist_temperature", "code_temperature", "message_loss",
+)  # fmt: skip
+_BINS = np.linspace(-12.0, 20.0, 51).astype(np.float32)
 
 
 class HSAC:
     """The bundle of pure functions: `init`, `act`, `update`."""
 
+    horizon = 1
+
     def __init__(self, config: HSACConfig = HSACConfig()):
         self.config = config
-        self.actor = Actor(config.encoder, config.actor_widths, config.language)
-        self.critic = TwinCritic(config.encoder, config.critic_widths)
+        per_code = config.heads == "per-code"
+        self.actor = Actor(
+            config.encoder, config.actor_widths, config.language, config.codes, per_code, config.mean_tanh
+        )
+        bins = len(_BINS) if config.critic == "histogram" else 1
+        self.critic = TwinCritic(config.encoder, config.critic_widths, config.codes * bins, config.critic_norm)
         # What is spoken in training. Codes need no words.
         self.vocabulary: Any = vocabulary("train") if config.language == "phrases" else None
 
@@ -160,21 +159,26 @@ class HSAC:
         log_temperatures = {name: jnp.log(jnp.float32(hyper.initial_temperature)) for name in ("twist", "code")}
         return LearnerState(
             actor=actor,
+            averaged=jax.tree.map(jnp.copy, actor),
             critic=critic,
             target_critic=jax.tree.map(jnp.copy, critic),
             log_temperatures=log_temperatures,
-            actor_optimiser=_ADAM.init(actor),
-            critic_optimiser=_ADAM.init(critic),
-            temperature_optimiser=_ADAM.init(log_temperatures),
+            actor_optimiser=ADAM.init(actor),
+            critic_optimiser=ADAM.init(critic),
+            temperature_optimiser=ADAM.init(log_temperatures),
         )
 
-    def act(self, key, actor, observation, hyper: Hyperparameters) -> Action:
+    def policy(self, learner: LearnerState) -> chex.ArrayTree:
+        """The actor that is evaluated."""
+        return learner.averaged
+
+    def act(self, key, learner: LearnerState, observation, hyper: Hyperparameters) -> Action:
         """Sample an action for each observation `[..., ...]`; a code that would not count is none."""
         key_twist, key_code = jax.random.split(key)
-        mean, log_std, logits = self._policy(actor, observation, self._training_vocabulary(hyper))
+        mean, log_std, logits = self._policy(learner.actor, observation, self._training_vocabulary(hyper))
         twist, _ = sample_twist(key_twist, mean, log_std)
         code = jax.random.categorical(key_code, code_log_probabilities(logits, observation.may_request))
-        return Action(twist=twist, code=code.astype(jnp.int32))
+        return Action(twist=self._of_code(twist, code), code=code.astype(jnp.int32))
 
     def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
         """Mean twist and most probable code; without ``voice`` the code is none.
@@ -199,50 +203,76 @@ class HSAC:
 
     def _best(self, mean, logits, observation, voice):
         log_p = code_log_probabilities(logits, observation.may_request & voice)
-        return Action(twist=jnp.tanh(mean), code=jnp.argmax(log_p, axis=-1).astype(jnp.int32))
+        code = jnp.argmax(log_p, axis=-1).astype(jnp.int32)
+        return Action(twist=self._of_code(jnp.tanh(mean), code), code=code)
 
-    def update(self, key, state: LearnerState, batch: Batch, hyper: Hyperparameters, lr_scale=1.0):
-        """One step on critics, actor and temperatures. Returns (state, metrics). ``lr_scale`` multiplies every rate."""
+    def _of_code(self, twist, code):
+        """The twist `[..., 2]` that goes with a code."""
+        if self.config.heads == "shared":
+            return twist
+        return jnp.take_along_axis(twist, code[..., None, None], axis=-2)[..., 0, :]
+
+    def update(self, key, state: LearnerState, batch: Batch, hyper: Hyperparameters, lr_scale=1.0, step=0):
+        """One step on critics, actor and temperatures. Returns (state, metrics).
+
+        lr_scale: multiplies every rate; step: how many updates came before, for delays.
+        """
         key_critic, key_actor = jax.random.split(key)
         temperatures = jax.tree.map(jnp.exp, state.log_temperatures)
 
-        target = self._target(key_critic, state, batch, temperatures, hyper)
-        (critic_loss, q), gradient = jax.value_and_grad(self._critic_loss, has_aux=True)(state.critic, batch, target)
-        step, critic_optimiser = _ADAM.update(gradient, state.critic_optimiser)
-        critic = _descend(state.critic, step, hyper.critic_lr * lr_scale)
-
-        (actor_loss, entropies), gradient = jax.value_and_grad(self._actor_loss, has_aux=True)(
-            state.actor, key_actor, critic, batch, temperatures, hyper
+        (critic_loss, q), gradient = jax.value_and_grad(self._critic_loss, has_aux=True)(
+            state.critic, key_critic, state, batch, temperatures, hyper
         )
-        step, actor_optimiser = _ADAM.update(gradient, state.actor_optimiser)
-        actor = _descend(state.actor, step, hyper.actor_lr * lr_scale)
+        change, critic_optimiser = ADAM.update(gradient, state.critic_optimiser)
+        critic = descend(state.critic, change, hyper.critic_lr * lr_scale)
+        state = state.replace(
+            critic=critic,
+            target_critic=optax.incremental_update(critic, state.target_critic, hyper.tau),
+            critic_optimiser=critic_optimiser,
+        )
+        if self.config.actor_every == 1:
+            state, metrics = self._update_actor(key_actor, state, batch, temperatures, hyper, lr_scale)
+        else:
+            state, metrics = jax.lax.cond(
+                step % self.config.actor_every == 0,
+                lambda state: self._update_actor(key_actor, state, batch, temperatures, hyper, lr_scale),
+                lambda state: (state, dict.fromkeys(_ACTOR_METRICS, jnp.float32(0.0))),
+                state,
+            )
+        return state, {"critic_loss": critic_loss, "q": q, **metrics}
+
+    def _update_actor(self, key, state, batch, temperatures, hyper, lr_scale):
+        """(state, metrics) after a step on the actor and the temperatures."""
+        (actor_loss, entropies), gradient = jax.value_and_grad(self._actor_loss, has_aux=True)(
+            state.actor, key, state.critic, batch, temperatures, hyper
+        )
+        change, actor_optimiser = ADAM.update(gradient, state.actor_optimiser)
+        actor = descend(state.actor, change, hyper.actor_lr * lr_scale)
 
         # d/d log alpha of alpha (H - target): too little entropy raises the temperature.
-        targets = {"twist": hyper.target_entropy_twist, "code": hyper.target_entropy_code * jnp.log(_CODES)}
+        targets = {
+            "twist": hyper.target_entropy_twist, "code": hyper.target_entropy_code * jnp.log(self.config.codes),
+        }  # fmt: skip
         spoke = entropies["counted"] > 0
         gradient = {name: temperatures[name] * (entropies[name] - targets[name]) for name in targets}
         gradient["code"] = jnp.where(spoke, gradient["code"], 0.0)
-        step, temperature_optimiser = _ADAM.update(gradient, state.temperature_optimiser)
+        change, temperature_optimiser = ADAM.update(gradient, state.temperature_optimiser)
         log_temperatures = jax.tree.map(
             lambda leaf: jnp.clip(leaf, *_LOG_TEMPERATURE_RANGE),
-            _descend(state.log_temperatures, step, hyper.temperature_lr * lr_scale),
+            descend(state.log_temperatures, change, hyper.temperature_lr * lr_scale),
         )
-        new = LearnerState(
+        state = state.replace(
             actor=actor,
-            critic=critic,
-            target_critic=optax.incremental_update(critic, state.target_critic, hyper.tau),
+            averaged=optax.incremental_update(actor, state.averaged, hyper.average),
             log_temperatures=log_temperatures,
             actor_optimiser=actor_optimiser,
-            critic_optimiser=critic_optimiser,
             temperature_optimiser=temperature_optimiser,
         )
-        metrics = {
-            "critic_loss": critic_loss, "actor_loss": actor_loss, "q": q,
-            "twist_entropy": entropies["twist"], "code_entropy": entropies["code"],
-            "twist_temperature": temperatures["twist"], "code_temperature": temperatures["code"],
-            "message_loss": entropies["message_loss"],
-        }  # fmt: skip
-        return new, metrics
+        values = (
+            actor_loss, entropies["twist"], entropies["code"], temperatures["twist"], temperatures["code"],
+            entropies["message_loss"],
+        )  # fmt: skip
+        return state, dict(zip(_ACTOR_METRICS, values, strict=True))
 
     def _words(self, observation, spoken):
         if self.config.language == "codes":
@@ -263,42 +293,80 @@ class HSAC:
         return self.actor.apply(actor, observation, heard, method="act")
 
     def _q(self, critic, observation, twist) -> Any:
-        """Q `[2, ..., codes]`. A critic serves training only: it is told what was meant."""
-        return self.critic.apply(critic, observation, message_codes(observation.dialogue), twist)
+        """What the critics say of every code `[2, ..., codes]`, each with ``twist`` `[..., 2]` or with its own
+        `[..., codes, 2]`; of histograms `[2, ..., codes, bins]`. Critics serve training only: they are told what was
+        meant."""
+        q = self.critic.apply(critic, observation, message_codes(observation.dialogue), twist)
+        own = twist.ndim > observation.twist.ndim
+        q = q.reshape(*q.shape[:-1], self.config.codes, -1)
+        if own:
+            q = jnp.moveaxis(jnp.diagonal(q, axis1=-3, axis2=-2), -1, -2)
+        return q if self.config.critic == "histogram" else q[..., 0]
 
-    def _target(self, key, state, batch, temperatures, hyper):
-        """Soft Bellman target `[batch]`: r + discount (1 - terminated) V(s'), of a robot told what was meant.
+    def _judge(self, q):
+        """Q `[..., codes]` of what both critics say."""
+        if self.config.critic == "histogram":
+            q = jax.nn.softmax(q, axis=-1) @ _BINS
+        return q.min(axis=0) if self.config.twins == "min" else q.mean(axis=0)
+
+    def _value(self, q, log_density, log_p, counts, temperatures):
+        return soft_value(self._judge(q), log_density, log_p, counts, temperatures)
+
+    def _sample(self, key, policy, counts):
+        """(twist, its log density `[..., 1 or codes]`, log p of the codes `[..., codes]`) of a policy's outputs."""
+        mean, log_std, logits = policy
+        twist, log_density = sample_twist(key, mean, log_std)
+        if self.config.heads == "shared":
+            log_density = log_density[..., None]
+        return twist, log_density, code_log_probabilities(logits, counts)
+
+    def _critic_loss(self, critic, key, state, batch, temperatures, hyper):
+        """Soft Bellman error; the policy of the next state is that of a robot told what was meant.
 
         An approximation, on purpose: phrases of the train split are understood soon, and reading them again costs time.
         """
-        heard = message_codes(batch.next_observation.dialogue)
-        mean, log_std, logits = self._heard_policy(state.actor, batch.next_observation, heard)
-        log_p = code_log_probabilities(logits, batch.next_observation.may_request)
-        twist, log_density = sample_twist(key, mean, log_std)
-        q = self._q(state.target_critic, batch.next_observation, twist).min(axis=0)
-        value = soft_value(q, log_density, log_p, batch.next_observation.may_request, temperatures)
-        return hyper.reward_scale * batch.reward + hyper.discount * (1.0 - batch.terminated) * value
-
-    def _critic_loss(self, critic, batch, target):
-        q = self._q(critic, batch.observation, batch.twist)
-        chosen = jnp.take_along_axis(q, batch.code[None, :, None], axis=-1)[..., 0]
-        loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
+        after = batch.next_observation
+        policy = self._heard_policy(state.actor, after, message_codes(after.dialogue))
+        twist, log_density, log_p = self._sample(key, policy, after.may_request)
+        if self.config.critic_norm == "batch":
+            # Both ends in one batch: its statistics are those of both.
+            if self.config.heads == "per-code":
+                now = jnp.broadcast_to(batch.twist[..., None, :], twist.shape)
+            else:
+                now = batch.twist
+            both = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), batch.observation, after)
+            q, next_q = jnp.split(self._q(critic, both, jnp.concatenate([now, twist])), 2, axis=1)
+            next_q = jax.lax.stop_gradient(next_q)
+        else:
+            q, next_q = self._q(critic, batch.observation, batch.twist), self._q(state.target_critic, after, twist)
+        bonus = jax.tree.map(lambda alpha: hyper.backup_entropy * alpha, temperatures)
+        value = self._value(next_q, log_density, log_p, after.may_request, bonus)
+        target = hyper.reward_scale * batch.reward + (1.0 - batch.terminated) * hyper.discount**batch.steps * value
+        target = jax.lax.stop_gradient(target)
+        code = batch.code[None, :, None]
+        if self.config.critic == "histogram":
+            log_q = jax.nn.log_softmax(jnp.take_along_axis(q, code[..., None], axis=2)[:, :, 0], axis=-1)
+            loss = -jnp.sum(histogram(target) * log_q, axis=-1)
+            chosen = jnp.exp(log_q) @ _BINS
+        else:
+            chosen = jnp.take_along_axis(q, code, axis=-1)[..., 0]
+            loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
         return jnp.sum(jnp.mean(loss, axis=1)), jnp.mean(chosen)
 
     def _actor_loss(self, actor, key, critic, batch, temperatures, hyper):
         """-V(s) with every sample reparameterised and the code's probabilities not detached, and what phrases mean."""
         key, key_phrases = jax.random.split(key)
-        mean, log_std, logits = self._policy(actor, batch.observation, self._training_vocabulary(hyper))
+        policy = self._policy(actor, batch.observation, self._training_vocabulary(hyper))
         counts = batch.observation.may_request
-        log_p = code_log_probabilities(logits, counts)
-        twist, log_density = sample_twist(key, mean, log_std)
-        q = self._q(critic, batch.observation, twist).min(axis=0)
-        loss = -jnp.mean(soft_value(q, log_density, log_p, counts, temperatures))
+        twist, log_density, log_p = self._sample(key, policy, counts)
+        q = self._q(critic, batch.observation, twist)
+        loss = -jnp.mean(self._value(q, log_density, log_p, counts, temperatures))
         counted = jnp.sum(counts)
         code_entropy = jnp.sum(jnp.where(counts, entropy(log_p), 0.0)) / jnp.maximum(counted, 1)
         message_loss = self._message_loss(actor, key_phrases, hyper)
         entropies = {
-            "twist": -jnp.mean(log_density), "code": code_entropy, "counted": counted, "message_loss": message_loss,
+            "twist": -jnp.mean(jnp.sum(jnp.exp(log_p) * log_density, axis=-1)), "code": code_entropy,
+            "counted": counted, "message_loss": message_loss,
         }  # fmt: skip
         return loss + hyper.message_weight * message_loss, jax.lax.stop_gradient(entropies)
 
@@ -320,14 +388,25 @@ class HSAC:
 
 
 def soft_value(q, log_density, log_p, counts, temperatures):
-    """V(s) `[...]` = sum_k p_k Q_k - alpha_twist log pi(twist) + alpha_code (H(p) - log n).
+    """V(s) `[...]` = sum_k p_k (Q_k - alpha_twist log pi_k(twist_k)) + alpha_code (H(p) - log n).
 
-    q, log_p: `[..., codes]`; counts: where a code counts, n is the number of codes there and 1 elsewhere. Subtracting
-    log n keeps the discrete bonus from paying for staying alive.
+    q, log_p: `[..., codes]`; log_density: `[..., codes]`, or `[..., 1]` of one twist for all; counts: where a code
+    counts, n is the number of codes there and 1 elsewhere. Subtracting log n keeps the discrete bonus from paying for
+    staying alive.
     """
-    bonus = jnp.where(counts, entropy(log_p) - jnp.log(_CODES), 0.0)
-    expected = jnp.sum(jnp.exp(log_p) * q, axis=-1)
-    return expected - temperatures["twist"] * log_density + temperatures["code"] * bonus
+    bonus = jnp.where(counts, entropy(log_p) - jnp.log(log_p.shape[-1]), 0.0)
+    expected = jnp.sum(jnp.exp(log_p) * (q - temperatures["twist"] * log_density), axis=-1)
+    return expected + temperatures["code"] * bonus
+
+
+def histogram(values):
+    """Values `[...]` as distributions over the bins `[..., bins]` (HL-Gauss, Farebrother et al. 2024)."""
+    width = _BINS[1] - _BINS[0]
+    edges = np.append(_BINS - width / 2, _BINS[-1] + width / 2)
+    inside = jnp.clip(values, _BINS[0], _BINS[-1])[..., None]
+    below = jax.scipy.special.erf((edges - inside) / (np.sqrt(2.0) * 0.75 * width))
+    mass = below[..., 1:] - below[..., :-1]
+    return mass / mass.sum(axis=-1, keepdims=True)
 
 
 def _whole_actor(actor, observation, words):
@@ -335,7 +414,3 @@ def _whole_actor(actor, observation, words):
     if actor.language == "phrases":
         actor.understand(words)
     return actor(observation, words)
-
-
-def _descend(params, step, lr):
-    return jax.tree.map(lambda leaf, change: leaf - lr * change, params, step)

@@ -1,5 +1,6 @@
 """Networks: how an `Observation` becomes features, and the actor and twin critics on top of them."""
 
+import functools
 from collections.abc import Sequence
 
 import flax.linen as nn
@@ -12,15 +13,35 @@ LOG_STD_RANGE = (-5.0, 0.0)
 _SECTORS = 12
 
 
+class BatchNorm(nn.Module):
+    """Normalises by the batch's own statistics, and keeps none: for critics, which only ever see batches.
+
+    CrossQ (Bhatt et al. 2024): both ends of the transitions go through in one batch, and there are no target critics.
+    """
+
+    @nn.compact
+    def __call__(self, x):
+        axes = tuple(range(x.ndim - 1))
+        mean, variance = x.mean(axes), x.var(axes)
+        scale = self.param("scale", nn.initializers.ones_init(), (x.shape[-1],))
+        bias = self.param("bias", nn.initializers.zeros_init(), (x.shape[-1],))
+        return (x - mean) * jax.lax.rsqrt(variance + 1e-5) * scale + bias
+
+
+NORMS = {"layer": nn.LayerNorm, "batch": BatchNorm, "none": None}
+
+
 class MLP(nn.Module):
-    """Dense, LayerNorm, ReLU for each width."""
+    """Dense, normalisation, ReLU for each width."""
 
     widths: Sequence[int]
+    norm: str = "layer"
 
     @nn.compact
     def __call__(self, x):
         for width in self.widths:
-            x = nn.relu(nn.LayerNorm()(nn.Dense(width)(x)))
+            x = nn.Dense(width)(x)
+            x = nn.relu(x if self.norm == "none" else NORMS[self.norm]()(x))
         return x
 
 
@@ -60,15 +81,21 @@ def pedestrian_features(observation, heard):
     """`[..., K, features]` of each observed pedestrian and the dialogue with it, of order 1; heard: S_c."""
     x, y, vx, vy = jnp.moveaxis(observation.pedestrians, -1, 0)
     distance = jnp.sqrt(x * x + y * y + 1e-12)
-    dialogue = observation.dialogue
     motion = [
         observation.seen, x / 4, y / 4, x / distance, y / distance, jnp.minimum(distance, 2.0) / 2, vx * 2, vy * 2,
+    ]  # fmt: skip
+    return jnp.concatenate([jnp.stack(motion, axis=-1), dialogue_features(observation.dialogue, heard)], axis=-1)
+
+
+def dialogue_features(dialogue, heard):
+    """`[..., K, features]` of the dialogue with each observed pedestrian, of order 1; heard: S_c."""
+    state = [
         dialogue.is_open, dialogue.pedestrian_first,
         jnp.minimum(dialogue.message_age, 10) / 10, jnp.minimum(dialogue.request_age, 10) / 10,
     ]  # fmt: skip
     return jnp.concatenate(
         [
-            jnp.stack(motion, axis=-1),
+            jnp.stack(state, axis=-1),
             heard,
             jax.nn.one_hot(dialogue.request, len(REQUESTS)),
             jax.nn.one_hot(dialogue.reply, len(REPLIES)),
@@ -102,6 +129,7 @@ class LidarEncoder(nn.Module):
     the first tells what is where, the second tells 0.2 m from 0.3 m. Pedestrians are embedded one by one and summed.
     """
 
+    norm: str = "layer"
     scan_width: int = 64
     pedestrian_width: int = 64
 
@@ -110,29 +138,76 @@ class LidarEncoder(nn.Module):
         ranges = observation.scan
         sectors = jnp.array_split(ranges, min(_SECTORS, ranges.shape[-1]), axis=-1)
         nearest = jnp.stack([sector.min(axis=-1) for sector in sectors], axis=-1)
-        scan = MLP([self.scan_width])(jnp.concatenate([jnp.exp(-0.5 * ranges), jnp.exp(-4.0 * nearest)], axis=-1))
-        people = MLP([self.pedestrian_width])(pedestrian_features(observation, heard)).sum(axis=-2)
+        echoes = jnp.concatenate([jnp.exp(-0.5 * ranges), jnp.exp(-4.0 * nearest)], axis=-1)
+        scan = MLP([self.scan_width], self.norm)(echoes)
+        people = MLP([self.pedestrian_width], self.norm)(pedestrian_features(observation, heard)).sum(axis=-2)
         return jnp.concatenate([scan, people, own_features(observation)], axis=-1)
 
 
-ENCODERS = {"lidar": LidarEncoder}
+class GridEncoder(nn.Module):
+    """Img_PreNet and State_PreNet of the paper (docs/learner.md): grid maps, pose, dialogue and S_c -> `[..., 512]`.
+
+    Maps `[4, 48, 48]` -> 3 x (convolution 3 x 3, ReLU, 2 x 2 maximum) -> 512, beside the rest -> 512, each with ReLU.
+    The maximum is one over a reshaped array: its gradient is an order of magnitude faster on a CPU than `nn.max_pool`.
+    frozen: Img_PreNet keeps its first, random weights, as in the authors' release.
+    """
+
+    norm: str = "layer"
+    frozen: bool = False
+    channels: Sequence[int] = (64, 128, 256)
+    width: int = 512
+    dialogue_width: int = 64
+
+    @nn.compact
+    def __call__(self, observation, heard):
+        maps = jnp.concatenate([observation.sensor_map[..., None, :, :], observation.pedestrian_map], axis=-3)
+        lead = maps.shape[:-3]
+        x = jnp.moveaxis(maps.reshape(-1, *maps.shape[-3:]), 1, -1)
+        for channels in self.channels:
+            x = nn.Conv(channels, (3, 3))(x)
+            batch, height, width, _ = x.shape
+            # ReLU after the maximum: the same numbers, a quarter of the work.
+            x = nn.relu(x.reshape(batch, height // 2, 2, width // 2, 2, channels).max(axis=(2, 4)))
+        image = nn.relu(nn.Dense(self.width)(x.reshape(batch, -1))).reshape(*lead, self.width)
+        if self.frozen:
+            image = jax.lax.stop_gradient(image)
+        talk = MLP([self.dialogue_width], self.norm)(dialogue_features(observation.dialogue, heard)).sum(axis=-2)
+        x = jnp.concatenate([image, own_features(observation), talk], axis=-1)
+        return MLP([self.width], self.norm)(x)
+
+
+ENCODERS = {"lidar": LidarEncoder, "grid": GridEncoder, "grid-frozen": functools.partial(GridEncoder, frozen=True)}
+# What an encoder reads of an observation.
+PARTS = {
+    "lidar": ("scan", "pedestrians", "dialogue"),
+    "grid": ("sensor_map", "pedestrian_map", "dialogue"),
+    "grid-frozen": ("sensor_map", "pedestrian_map", "dialogue"),
+}
 
 
 class Actor(nn.Module):
-    """(Observation, words `[..., K, D]` or S_c `[..., K, 3]`) -> mean `[..., 2]` and log_std `[..., 2]` of the twist
-    before tanh, logits `[..., 4]` of the code.
+    """(Observation, words `[..., K, D]` or S_c `[..., K, 3]`) -> mean and log_std of the twist before tanh, and logits
+    `[..., codes]` of the code.
 
     With the language ``phrases`` words are read by `LangPreNet`, and its probabilities of stop, right and left are S_c.
+    Mean and log_std are `[..., 2]`, one twist for all codes; with ``per_code`` heads `[..., codes, 2]`, one for each.
+    ``mean_tanh`` passes the mean through tanh, as the paper's authors do: sampled twists are then squashed twice.
+    Parts that an algorithm doesn't call have no parameters.
     """
 
     encoder: str
     widths: Sequence[int]
-    language: str
+    language: str = "codes"
+    codes: int = len(REQUESTS)
+    per_code: bool = False
+    mean_tanh: bool = False
 
     def setup(self):
         self.state_encoder = ENCODERS[self.encoder]()
         self.body = MLP(self.widths)
-        self.mean_head, self.log_std_head, self.code_head = nn.Dense(2), nn.Dense(2), nn.Dense(len(REQUESTS))
+        twists = self.codes if self.per_code else 1
+        self.mean_head, self.log_std_head = nn.Dense(2 * twists), nn.Dense(2 * twists)
+        self.code_head = nn.Dense(self.codes)
         if self.language == "phrases":
             self.language_pre_net = LangPreNet()
 
@@ -142,9 +217,24 @@ class Actor(nn.Module):
     def act(self, observation, heard):
         """The same, of an S_c."""
         x = self.body(self.state_encoder(observation, heard))
+        return *self._gaussian(x), self.code_head(x)
+
+    def steer(self, observation, heard):
+        """Mean `[..., 2]` alone."""
+        return self._twists(self.mean_head(self.body(self.state_encoder(observation, heard))))
+
+    def gaussian(self, observation, heard):
+        """Mean and log_std `[..., 2]`, without a code."""
+        return self._gaussian(self.body(self.state_encoder(observation, heard)))
+
+    def _gaussian(self, x):
+        mean, log_std = self._twists(self.mean_head(x)), self._twists(self.log_std_head(x))
         low, high = LOG_STD_RANGE
-        log_std = low + 0.5 * (high - low) * (jnp.tanh(self.log_std_head(x)) + 1.0)
-        return self.mean_head(x), log_std, self.code_head(x)
+        log_std = low + 0.5 * (high - low) * (jnp.tanh(log_std) + 1.0)
+        return jnp.tanh(mean) if self.mean_tanh else mean, log_std
+
+    def _twists(self, x):
+        return x.reshape(*x.shape[:-1], self.codes, 2) if self.per_code else x
 
     def listen(self, words):
         """S_c `[..., 3]` of words; silence, the zero vector, is zero."""
@@ -162,12 +252,30 @@ class Actor(nn.Module):
 
 
 class TwinCritic(nn.Module):
-    """(Observation, S_c `[..., K, 3]`, twist `[..., 2]`) -> Q of every code `[2, ..., 4]`, estimated twice."""
+    """(Observation, S_c `[..., K, 3]`, twist `[..., 2]`) -> Q of every code `[2, ..., outputs]`, estimated twice.
+
+    A twist for each code, `[..., codes, 2]`, gives `[2, ..., codes, outputs]`: the observation is encoded once.
+    """
+
+    encoder: str
+    widths: Sequence[int]
+    outputs: int = len(REQUESTS)
+    norm: str = "layer"
+
+    @nn.compact
+    def __call__(self, observation, heard, twist):
+        x = ENCODERS[self.encoder](norm=self.norm)(observation, heard)
+        x = jnp.expand_dims(x, tuple(range(x.ndim - 1, twist.ndim - 1)))
+        x = jnp.concatenate([jnp.broadcast_to(x, (*twist.shape[:-1], x.shape[-1])), twist], axis=-1)
+        return jnp.stack([nn.Dense(self.outputs)(MLP(self.widths, self.norm)(x)) for _ in range(2)])
+
+
+class Value(nn.Module):
+    """(Observation, S_c `[..., K, 3]`) -> V `[...]`."""
 
     encoder: str
     widths: Sequence[int]
 
     @nn.compact
-    def __call__(self, observation, heard, twist):
-        x = jnp.concatenate([ENCODERS[self.encoder]()(observation, heard), twist], axis=-1)
-        return jnp.stack([nn.Dense(len(REQUESTS))(MLP(self.widths)(x)) for _ in range(2)])
+    def __call__(self, observation, heard):
+        return nn.Dense(1)(MLP(self.widths)(ENCODERS[self.encoder]()(observation, heard)))[..., 0]

@@ -4,6 +4,7 @@ Generic in what it stores: any pytree of arrays `[episodes, ...]`. The model is 
 """
 
 import dataclasses
+import functools
 from collections import defaultdict
 
 import jax
@@ -44,12 +45,33 @@ class Replay:
         row = step % self.rows
         return {name: jax.lax.dynamic_update_index_in_dim(contents[name], packed[name], row, 0) for name in contents}
 
-    def sample(self, key, contents, steps, batch):
-        """``batch`` uniform transitions `[batch, ...]` of the last ``rows`` of ``steps`` steps."""
+    def sample(self, key, contents, steps, batch, n=1, discount=1.0):
+        """``batch`` uniform transitions `[batch, ...]` of the last ``rows`` of ``steps`` steps: (transitions, steps).
+
+        With ``n`` above 1 each spans so many steps, or fewer where its episode or the record ends: its reward is their
+        discounted sum, its next snapshot and its end are those of the last of them, and ``steps`` says how many.
+        """
         episodes = next(iter(contents.values())).shape[1]
-        filled = jnp.minimum(steps, self.rows)
-        row, column = jax.random.randint(key, (2, batch), 0, jnp.stack([filled, episodes])[:, None])
-        return self._unpack({dtype: table[row, column] for dtype, table in contents.items()}, batch)
+        oldest = steps - jnp.minimum(steps, self.rows)
+        low, high = jnp.stack([oldest, 0]), jnp.stack([steps, episodes])
+        step, column = jax.random.randint(key, (2, batch), low[:, None], high[:, None])
+
+        def at(step):
+            return self._unpack({dtype: table[step % self.rows, column] for dtype, table in contents.items()}, batch)
+
+        first = last = at(step)
+        if n == 1:  # nothing to add
+            return first, jnp.ones(batch, jnp.int32)
+        reward, count, goes_on = first.reward, jnp.ones(batch, jnp.int32), ~first.ended
+        for i in range(1, n):
+            goes_on &= step + i < steps
+            then = at(step + i)
+            reward += jnp.where(goes_on, discount**i * then.reward, 0.0)
+            count += goes_on
+            last = jax.tree.map(functools.partial(select, goes_on), then, last)
+            goes_on &= ~then.ended
+        ends = {name: last[name] for name in ("next_snapshot", "terminated", "ended")}
+        return first.replace(reward=reward, **ends), count
 
     def _by_type(self, tree):
         groups = defaultdict(list)
@@ -66,3 +88,8 @@ class Replay:
             out.append(packed[name][:, start : start + size].reshape(batch, *leaf.shape))
             offsets[name] += size
         return jax.tree.unflatten(treedef, out)
+
+
+def select(mask, new, old):
+    """``new`` where ``mask`` `[n]` is set and ``old`` elsewhere, `[n, ...]` both."""
+    return jnp.where(mask.reshape(-1, *[1] * (old.ndim - 1)), new, old)

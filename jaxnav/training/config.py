@@ -8,18 +8,25 @@ from typing import Any
 import numpy as np
 
 from .. import maps
-from ..agents.hsac import HSACConfig, Hyperparameters
+from ..agents.a2c import A2C, A2CConfig
+from ..agents.hsac import HSAC, HSACConfig, Hyperparameters
+from ..agents.networks import PARTS
+from ..agents.ppo import PPO, PPOConfig, PPOHyperparameters, RolloutConfig
+from ..agents.td3 import TD3, TD3Config, TD3Hyperparameters
 from ..errors import UserError
 from ..world import SCENES, SUITES, Params, World, WorldConfig, body_reach, check_params, default_params
-
-ALGORITHMS = ("hsac",)
+from .randomise import check_ranges
 
 
 @dataclasses.dataclass(frozen=True)
 class WorldSettings(WorldConfig):
-    __doc__ = WorldConfig.__doc__
+    __doc__ = (
+        f"{WorldConfig.__doc__}    params: every float of the world.\n"
+        "        randomise: name, lowest and highest of fields of params that each training episode draws anew.\n    "
+    )
 
     params: Params = dataclasses.field(default_factory=Params)
+    randomise: tuple[tuple[str, float, float], ...] = ()
 
     def world(self) -> World:
         """The `World` of these sizes; a scene that is called like a file is the map that the file describes."""
@@ -101,8 +108,9 @@ class RunConfig:
     """A training run.
 
     Attributes:
-        preset: quick (CPU minutes) or lidar (longer, best quality): the defaults of all other values.
-        algo: the learner; hsac.
+        preset: quick (CPU minutes), robust (its world randomised), lidar (longer, best quality), grid or grid-frozen
+            (the paper's CNN on grid maps, for a GPU): the defaults of all other values.
+        algo: the learner: hsac, or td3, ppo and a2c, which steer only.
         scene: what to train and evaluate on: all (square, hallway, crosswalk), hard, hard-laser, one scene, or the yaml
             file of a ROS map.
         seed: seed of everything random.
@@ -126,19 +134,107 @@ class RunConfig:
     train: TrainConfig = TrainConfig()
 
 
+@dataclasses.dataclass(frozen=True)
+class TD3RunConfig(RunConfig):
+    __doc__ = RunConfig.__doc__
+
+    algo: str = "td3"
+    agent: TD3Config = TD3Config()
+    hyper: TD3Hyperparameters = dataclasses.field(default_factory=TD3Hyperparameters)
+
+
+@dataclasses.dataclass(frozen=True)
+class PPORunConfig(RunConfig):
+    __doc__ = RunConfig.__doc__
+
+    algo: str = "ppo"
+    agent: PPOConfig = PPOConfig()
+    hyper: PPOHyperparameters = dataclasses.field(default_factory=PPOHyperparameters)
+    train: TrainConfig = TrainConfig(episodes=64)
+
+
+@dataclasses.dataclass(frozen=True)
+class A2CRunConfig(RunConfig):
+    __doc__ = RunConfig.__doc__
+
+    algo: str = "a2c"
+    agent: A2CConfig = A2CConfig()
+    hyper: PPOHyperparameters = dataclasses.field(default_factory=PPOHyperparameters)
+    train: TrainConfig = TrainConfig(episodes=64)
+
+
+# Of each algorithm its learner and the class of its runs.
+ALGORITHMS = {
+    "hsac": (HSAC, RunConfig),
+    "td3": (TD3, TD3RunConfig),
+    "ppo": (PPO, PPORunConfig),
+    "a2c": (A2C, A2CRunConfig),
+}
+
+_MAPS = WorldSettings(observation=PARTS["grid"])
+_PAPER_NET = HSACConfig(encoder="grid", actor_widths=(128,), critic_widths=(128,), batch=256, updates_per_step=4)
 PRESETS = {
     "quick": RunConfig(),
+    "robust": RunConfig(
+        preset="robust",
+        world=WorldSettings(
+            pedestrians=8,
+            scan_noise=True,
+            control_delay=2,
+            randomise=(
+                ("crowd_size", 1, 8),
+                ("awareness", 0.0, 2.0),
+                ("preferred_speed", 0.3, 1.4),
+                ("compliance", 0.0, 1.0),
+                ("scan_noise_std", 0.0, 0.1),
+                ("scan_dropout", 0.0, 0.2),
+                ("control_latency", 0, 2),
+            ),
+        ),
+        train=TrainConfig(total_steps=1500),
+    ),
     "lidar": RunConfig(
         preset="lidar",
         agent=HSACConfig(actor_widths=(256, 256), critic_widths=(256, 256)),
         train=TrainConfig(replay_rows=1500, total_steps=3000, evaluate_every=10),
     ),
+    "grid": RunConfig(preset="grid", world=_MAPS, agent=_PAPER_NET),
+    "grid-frozen": RunConfig(
+        preset="grid-frozen", world=_MAPS, agent=dataclasses.replace(_PAPER_NET, encoder="grid-frozen")
+    ),
 }
+
+
+def preset(name, algo="hsac") -> RunConfig:
+    """The defaults of a preset for an algorithm. UserError: there is none of that name."""
+    if name not in PRESETS:
+        raise UserError(f"preset {name!r} is unknown: choose from {', '.join(PRESETS)}")
+    if algo not in ALGORITHMS:
+        raise UserError(f"algo {algo!r} is unknown: choose from {', '.join(ALGORITHMS)}")
+    base = PRESETS[name]
+    if algo == "hsac":
+        return base
+    cls = ALGORITHMS[algo][1]
+    agent = dataclasses.replace(
+        cls().agent, **{size: getattr(base.agent, size) for size in ("encoder", "actor_widths", "critic_widths")}
+    )
+    # Whoever learns from what it has just played plays fewer episodes at once, and as many steps in all.
+    episodes = cls().train.episodes
+    factor = base.train.episodes // episodes
+    sizes = {field: factor * getattr(base.train, field) for field in ("steps_per_chunk", "total_steps")}
+    return cls(
+        preset=name, world=base.world, agent=agent, train=dataclasses.replace(base.train, episodes=episodes, **sizes)
+    )
+
+
+def make_agent(config: RunConfig):
+    """The learner of a run."""
+    return ALGORITHMS[config.algo][0](config.agent)
 
 
 def resolve(config: RunConfig) -> RunConfig:
     """``config`` with scene and folder filled in, checked as a whole. UserError names the field and the remedy."""
-    if config.algo not in ALGORITHMS:
+    if config.algo not in ALGORITHMS or type(config) is not ALGORITHMS[config.algo][1]:
         raise UserError(f"algo {config.algo!r} is unknown: choose from {', '.join(ALGORITHMS)}")
     names, given = scene_names(config.scene), tuple(config.world.scenes)
     if config.scene == "all":
@@ -147,18 +243,40 @@ def resolve(config: RunConfig) -> RunConfig:
         raise UserError(f"world.scenes is {' '.join(given)} beside --scene {config.scene}: give one of the two")
     if not 0 <= config.seed < 2**32:
         raise UserError(f"seed is {config.seed}: give a whole number from 0 to {2**32 - 1}")
-    missing = {"scan", "pedestrians", "dialogue"} - set(config.world.observation)
+    missing = set(PARTS[config.agent.encoder]) - set(config.world.observation)
     if missing:
-        raise UserError(f"world.observation lacks {', '.join(sorted(missing))}: the lidar encoder needs it")
+        raise UserError(
+            f"world.observation lacks {', '.join(sorted(missing))}: the {config.agent.encoder} encoder needs it"
+        )
+    if isinstance(config.agent, RolloutConfig):
+        steps = config.agent.horizon * config.train.episodes
+        if config.train.steps_per_chunk % config.agent.horizon:
+            raise UserError(
+                f"agent.horizon is {config.agent.horizon}: give a divisor of train.steps_per_chunk, which is "
+                f"{config.train.steps_per_chunk}"
+            )
+        if steps % config.agent.minibatches:
+            raise UserError(
+                f"agent.minibatches is {config.agent.minibatches}: give a divisor of agent.horizon times "
+                f"train.episodes, which is {steps}"
+            )
     try:
         world = config.world.of_scenes(names)
         check_params(world.params, world)
+        check_ranges(world.randomise, world.params, world)
         world.world()
         check_hyperparameters(config.hyper)
     except ValueError as error:
         raise UserError(str(error)) from None
-    out = config.out or f"runs/{config.preset}-{config.seed}"
+    usual = "" if config.algo == "hsac" else f"{config.algo}-"
+    out = config.out or f"runs/{usual}{config.preset}-{config.seed}"
     return dataclasses.replace(config, world=world, out=out)
+
+
+_FRACTIONS = (
+    "discount", "tau", "average", "final_lr", "target_entropy_code", "backup_entropy", "gae_lambda", "word_errors",
+)  # fmt: skip
+_ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm")
 
 
 def check_hyperparameters(hyper):
@@ -168,11 +286,10 @@ def check_hyperparameters(hyper):
             raise ValueError(f"hyper.{name} is {value}: give a finite number")
         if name.endswith("_lr") and np.any(np.asarray(value) < 0):
             raise ValueError(f"hyper.{name} is {value}: give a number of at least 0")
-    for name in ("discount", "tau", "final_lr", "target_entropy_code"):
-        if not np.all((np.asarray(hyper[name]) >= 0) & (np.asarray(hyper[name]) <= 1)):
-            raise ValueError(f"hyper.{name} is {hyper[name]}: give a number from 0 to 1")
-    if not np.all(np.asarray(hyper["initial_temperature"]) > 0):
-        raise ValueError(f"hyper.initial_temperature is {hyper['initial_temperature']}: give a number above 0")
+        if name in _FRACTIONS and not np.all((np.asarray(value) >= 0) & (np.asarray(value) <= 1)):
+            raise ValueError(f"hyper.{name} is {value}: give a number from 0 to 1")
+        if name in _ABOVE_ZERO and not np.all(np.asarray(value) > 0):
+            raise ValueError(f"hyper.{name} is {value}: give a number above 0")
 
 
 def to_json(value) -> Any:
@@ -196,9 +313,17 @@ def from_json(cls, data):
         if dataclasses.is_dataclass(hint):
             item = from_json(hint, item)
         elif typing.get_origin(hint) is tuple and not isinstance(hint, types.UnionType):
-            item = tuple(item)
+            item = tuple(tuple(part) if isinstance(part, list) else part for part in item)
         values[name] = item
     return cls(**values)
+
+
+def run_from_json(data) -> RunConfig:
+    """The run that `to_json` made ``data`` of; ValueError names what is missing or unknown."""
+    algo = data["algo"]
+    if algo not in ALGORITHMS:
+        raise ValueError(f"algo {algo!r} is unknown")
+    return from_json(ALGORITHMS[algo][1], data)
 
 
 def differences(old, new, prefix=""):

@@ -4,25 +4,30 @@ A population is a ``vmap`` of `Trainer.train_chunk` over `LoopState` and `Hyperp
 ``in_axes=(member_axes(), 0)``: the counter stays unbatched, so that replay rows and schedules need no second branch.
 """
 
+from typing import Any
+
 import chex
 import jax
 import jax.numpy as jnp
 
-from ..agents.hsac import Batch, Transition
-from ..agents.replay import Replay
+from ..agents.learner import Batch, Transition
+from ..agents.replay import Replay, select
 from ..world import State
+from .randomise import draw
 
 
 @chex.dataclass(frozen=True)
 class LoopState:
     """Everything that training goes on from.
 
-    counter: steps of all episodes so far; key: of this member; learner: `LearnerState`; replay: contents; states:
-    `State` `[episodes]`; ended: `[episodes]` whether that state is an episode's last, to be replaced before acting.
+    counter: steps of all episodes so far; key: of this member; scene: index of the one it plays, -1 for all of the
+    world's; learner: its state; replay: contents; states: `State` `[episodes]`; ended: `[episodes]` whether that state
+    is an episode's last, to be replaced before acting.
     """
 
     counter: jax.Array
     key: jax.Array
+    scene: jax.Array
     learner: chex.ArrayTree
     replay: chex.ArrayTree
     states: State
@@ -31,14 +36,18 @@ class LoopState:
 
 def member_axes():
     """The ``vmap`` axes of a `LoopState`: members everywhere but in the counter, which they share."""
-    return LoopState(counter=None, key=0, learner=0, replay=0, states=0, ended=0)
+    return LoopState(counter=None, key=0, scene=0, learner=0, replay=0, states=0, ended=0)
 
 
 class Trainer:
-    """The bundle of pure functions `init` and `train_chunk` for a world, an agent and the sizes in ``TrainConfig``."""
+    """The bundle of pure functions `init` and `train_chunk` for a world, an agent and the sizes in ``TrainConfig``.
 
-    def __init__(self, world, agent, params, config):
+    ranges: from which each episode draws fields of ``params``, (name, lowest, highest).
+    """
+
+    def __init__(self, world, agent, params, config, ranges=()):
         self.world, self.agent, self.params, self.config = world, agent, params, config
+        self.ranges = ranges
         self._state = jax.eval_shape(lambda key: world.reset(key, params), jax.random.key(0))
         snapshot = jax.eval_shape(world.snapshot, self._state)
         self._observation = jax.eval_shape(lambda s: world.render(s, params), snapshot)
@@ -52,11 +61,17 @@ class Trainer:
                 code=jax.ShapeDtypeStruct((), jnp.uint8),
                 reward=scalar,
                 terminated=jax.ShapeDtypeStruct((), bool),
+                ended=jax.ShapeDtypeStruct((), bool),
             ),
         )
 
-    def init(self, key, hyper) -> LoopState:
-        """The state before the first step."""
+    @property
+    def bytes_per_transition(self):
+        """Of replay; none where the learner uses none."""
+        return self.replay.bytes_per_transition if self.agent.horizon == 1 else 0
+
+    def init(self, key, hyper, scene=-1) -> LoopState:
+        """The state before the first step; ``scene``: index of the only one to play, -1 for all."""
         key_learner, key = jax.random.split(key)
         episodes = self.config.episodes
 
@@ -66,8 +81,9 @@ class Trainer:
         return LoopState(
             counter=jnp.int32(0),
             key=key,
+            scene=jnp.int32(scene),
             learner=self.agent.init(key_learner, zeros(self._observation), hyper),
-            replay=self.replay.init(episodes),
+            replay=self.replay.init(episodes) if self.agent.horizon == 1 else {},
             # Ended before they began: the first step replaces them all, and `init` need not compile a reset.
             states=zeros(self._state, episodes),
             ended=jnp.ones(episodes, bool),
@@ -78,14 +94,13 @@ class Trainer:
         `[scenes]` of episodes that ended and that arrived; finite says whether all the learner's numbers still are."""
         key, key_pool, key_steps = jax.random.split(loop.key, 3)
         episodes = self.config.episodes
-        pool = self._resets(key_pool, episodes)
+        pool = self._resets(key_pool, episodes, loop.scene)
         # Twice in a row: any window of `episodes` entries is a set of different fresh episodes.
         pool = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), pool)
         start = loop.replace(key=key)
+        iterations = self.config.steps_per_chunk // self.agent.horizon
         loop, metrics = jax.lax.scan(
-            lambda carry, key: self._step(carry, key, pool, hyper),
-            start,
-            jax.random.split(key_steps, self.config.steps_per_chunk),
+            lambda carry, key: self._iterate(carry, key, pool, hyper), start, jax.random.split(key_steps, iterations)
         )
         # The metrics of an update are those before its own step: look at what the last one left behind, too.
         # In one piece, since a reduction for each of the many leaves takes as long to compile as the world's step.
@@ -93,24 +108,58 @@ class Trainer:
         sums = {name: jnp.sum(metrics.pop(name), axis=0) for name in ("episodes_ended", "episodes_arrived")}
         return loop, jax.tree.map(jnp.mean, metrics) | sums | {"finite": jnp.all(jnp.isfinite(numbers))}
 
-    def _resets(self, key, count):
-        return jax.vmap(lambda key: self.world.reset(key, self.params))(jax.random.split(key, count))
+    def _resets(self, key, count, scene):
+        def reset(key):
+            key_scene, key_seed, key = jax.random.split(key, 3)
+            drawn = jax.random.randint(key_scene, (), 0, len(self.world.scenes))
+            seed = jax.random.bits(key_seed, (), jnp.uint32)
+            params = draw(seed, self.params, self.ranges) if self.ranges else self.params
+            return self.world.reset(key, params, jnp.where(scene < 0, drawn, scene), seed)
+
+        return jax.vmap(reset)(jax.random.split(key, count))
+
+    def _params(self, seeds):
+        """`Params` of the episodes with these seeds, and their ``vmap`` axis."""
+        if not self.ranges:
+            return self.params, None
+        return jax.vmap(lambda seed: draw(seed, self.params, self.ranges))(seeds), 0
+
+    def _iterate(self, loop, key, pool, hyper):
+        """``horizon`` steps of all episodes, and what is learnt after them."""
+        key_play, key_learn = jax.random.split(key)
+        if self.agent.horizon == 1:
+            loop, (transitions, metrics) = self._step(loop, key_play, pool, hyper)
+            loop, losses = self._learn_from_replay(loop, key_learn, transitions, hyper)
+        else:
+            keys = jax.random.split(key_play, self.agent.horizon)
+            loop, (transitions, metrics) = jax.lax.scan(
+                lambda loop, key: self._step(loop, key, pool, hyper), loop, keys
+            )
+            sums = {name: jnp.sum(metrics.pop(name), axis=0) for name in ("episodes_ended", "episodes_arrived")}
+            metrics = {"reward": jnp.mean(metrics["reward"])} | sums
+            batch = jax.vmap(self._render)(transitions)
+            learner, losses = self.agent.update(key_learn, loop.learner, batch, hyper, self._lr_scale(loop, hyper))
+            loop = loop.replace(learner=learner)
+        return loop, metrics | losses
 
     def _step(self, loop, key, pool, hyper):
-        key_pool, key_act, key_world, key_updates = jax.random.split(key, 4)
-        world, params, episodes = self.world, self.params, self.config.episodes
+        """A step of all episodes: (loop, (transitions `[episodes]`, metrics))."""
+        key_pool, key_act, key_world = jax.random.split(key, 3)
+        world, episodes = self.world, self.config.episodes
 
         # Ended episodes are replaced here, not after the step: `ended` is then an input of this program instead of
         # the end of a long chain, which XLA would compute anew for each of the fifty leaves it selects.
         offset = jax.random.randint(key_pool, (), 0, episodes)
         fresh = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, offset, episodes), pool)
-        states = jax.tree.map(lambda new, old: _select(loop.ended, new, old), fresh, loop.states)
+        states = jax.tree.map(lambda new, old: select(loop.ended, new, old), fresh, loop.states)
 
+        params, axis = self._params(states.seed)
         snapshots = jax.vmap(world.snapshot)(states)
-        observations = jax.vmap(world.render, in_axes=(0, None))(snapshots, params)
-        action = self.agent.act(key_act, loop.learner.actor, observations, hyper)
+        observations = jax.vmap(world.render, in_axes=(0, axis))(snapshots, params)
+        action = self.agent.act(key_act, loop.learner, observations, hyper)
         keys = jax.random.split(key_world, episodes)
-        states, outcome = jax.vmap(world.step, in_axes=(0, 0, 0, None))(keys, states, action, params)
+        states, outcome = jax.vmap(world.step, in_axes=(0, 0, 0, axis))(keys, states, action, params)
+        ended = outcome.terminated | outcome.truncated
 
         transitions = Transition(
             snapshot=snapshots,
@@ -119,32 +168,46 @@ class Trainer:
             code=action.code.astype(jnp.uint8),
             reward=outcome.reward,
             terminated=outcome.terminated,
+            ended=ended,
         )
-        replay = self.replay.add(loop.replay, loop.counter, transitions)
-        counter = loop.counter + 1
-        progress = counter / self.config.total_steps
-        lr_scale = 1.0 - (1.0 - hyper.final_lr) * jnp.clip(progress, 0.0, 1.0)
-
-        def learn(learner, key):
-            key_sample, key_update = jax.random.split(key)
-            batch = self._render(self.replay.sample(key_sample, replay, counter, self.agent.config.batch))
-            return self.agent.update(key_update, learner, batch, hyper, lr_scale)
-
-        keys = jax.random.split(key_updates, self.agent.config.updates_per_step)
-        learner, metrics = jax.lax.scan(learn, loop.learner, keys)
-
-        ended = outcome.terminated | outcome.truncated
         in_scene = states.scene[:, None] == jnp.arange(len(world.scenes))
-        metrics["episodes_ended"] = jnp.sum(in_scene & ended[:, None], axis=0)
-        metrics["episodes_arrived"] = jnp.sum(in_scene & outcome.arrived[:, None], axis=0)
-        metrics["reward"] = jnp.mean(outcome.reward)
-        new = LoopState(counter=counter, key=loop.key, learner=learner, replay=replay, states=states, ended=ended)
-        return new, metrics
+        metrics = {
+            "episodes_ended": jnp.sum(in_scene & ended[:, None], axis=0),
+            "episodes_arrived": jnp.sum(in_scene & outcome.arrived[:, None], axis=0),
+            "reward": jnp.mean(outcome.reward),
+        }
+        return loop.replace(counter=loop.counter + 1, states=states, ended=ended), (transitions, metrics)
 
-    def _render(self, transitions):
+    def _learn_from_replay(self, loop, key, transitions, hyper):
+        """``updates_per_step`` updates from replay, the new transitions in it."""
+        config = self.agent.config
+        replay = self.replay.add(loop.replay, loop.counter - 1, transitions)
+        lr_scale = self._lr_scale(loop, hyper)
+
+        def learn(learner, key_and_step):
+            key, step = key_and_step
+            key_sample, key_update = jax.random.split(key)
+            sampled, steps = self.replay.sample(
+                key_sample, replay, loop.counter, config.batch, config.n_step, hyper.discount
+            )
+            batch = self._render(sampled, steps)
+            return self.agent.update(key_update, learner, batch, hyper, lr_scale, step)
+
+        keys = jax.random.split(key, config.updates_per_step)
+        # Counted by what members of a population share: their delayed updates stay one branch.
+        steps = loop.counter * config.updates_per_step + jnp.arange(config.updates_per_step)
+        learner, metrics = jax.lax.scan(learn, loop.learner, (keys, steps))
+        return loop.replace(learner=learner, replay=replay), jax.tree.map(jnp.mean, metrics)
+
+    def _lr_scale(self, loop, hyper):
+        progress = jnp.clip(loop.counter / self.config.total_steps, 0.0, 1.0)
+        return 1.0 - (1.0 - hyper.final_lr) * progress
+
+    def _render(self, transitions, steps: Any = 1):
         # Both ends of the transitions in one go: half as much to compile.
         pair = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), transitions.snapshot, transitions.next_snapshot)
-        rendered = jax.vmap(self.world.render, in_axes=(0, None))(pair, self.params)
+        params, axis = self._params(pair.seed)
+        rendered = jax.vmap(self.world.render, in_axes=(0, axis))(pair, params)
         batch = transitions.reward.shape[0]
         return Batch(
             observation=jax.tree.map(lambda leaf: leaf[:batch], rendered),
@@ -153,8 +216,6 @@ class Trainer:
             code=transitions.code.astype(jnp.int32),
             reward=transitions.reward,
             terminated=transitions.terminated,
+            ended=transitions.ended,
+            steps=jnp.broadcast_to(steps, batch),
         )
-
-
-def _select(mask, new, old):
-    return jnp.where(mask.reshape(mask.shape + (1,) * (old.ndim - 1)), new, old)

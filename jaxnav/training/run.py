@@ -17,11 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..agents.hsac import HSAC
 from ..errors import UserError, remedy
 from ..language.table import default_table
 from .checkpoint import Checkpoints
-from .config import RunConfig, differences, from_json, resolve, to_json
+from .config import RunConfig, differences, make_agent, resolve, run_from_json, to_json
 from .evaluation import Evaluator, episode_keys, make_policy
 from .loop import LoopState, Trainer
 from .memory import check_memory
@@ -70,8 +69,8 @@ class Run:
         self.folder = pathlib.Path(config.out)
         self.params = config.world.params
         self.world = config.world.world()
-        self.agent = HSAC(config.agent)
-        self.trainer = Trainer(self.world, self.agent, self.params, config.train)
+        self.agent = make_agent(config)
+        self.trainer = Trainer(self.world, self.agent, self.params, config.train, config.world.randomise)
         self.evaluator = Evaluator(self.world, self.agent, self.params)
         self._hyper = jax.tree.map(jnp.float32, config.hyper)
         compared = to_json(config)
@@ -86,7 +85,7 @@ class Run:
         default_table()  # what is wrong with it is not the run's fault
         try:
             stored = json.loads(path.read_text())
-            run = cls(resolve(dataclasses.replace(from_json(RunConfig, stored["config"]), out=str(folder))))
+            run = cls(resolve(dataclasses.replace(run_from_json(stored["config"]), out=str(folder))))
         except (FileNotFoundError, NotADirectoryError):
             raise UserError(f"{folder} holds no run: there is no {path}") from None
         except (UserError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -100,7 +99,7 @@ class Run:
 
     def _embeddings(self):
         """What tells the table of embeddings it hears; None if it hears codes."""
-        return default_table().fingerprint if self.config.agent.language == "phrases" else None
+        return None if self.agent.spoken("train") is None else default_table().fingerprint
 
     def prepare_folder(self):
         """Make the run's folder, or check that it holds the run to resume.
@@ -118,7 +117,7 @@ class Run:
                     f"--out {self.folder} holds a run with another {', '.join(changed)}: "
                     f"give the same values to resume it, or another --out"
                 )
-        check_memory(self.config, self.trainer.replay.bytes_per_transition)
+        check_memory(self.config, self.trainer.bytes_per_transition)
         if self.config.resume:
             return
         if self.folder.exists() and not self.folder.is_dir():
@@ -166,8 +165,8 @@ class Run:
                 progress = progress.replace(loop=loop)
                 line = self._line(metrics, int(done))
                 if (int(done) // every) % self.config.train.evaluate_every == 0 or int(done) == steps:
-                    line["evaluation"] = self.evaluator.success(loop.learner.actor, VALIDATION_SEED)
-                    progress = progress.replace(best=_better(progress, min(line["evaluation"].values())))
+                    line["evaluation"] = self.evaluator.success(self.agent.policy(loop.learner), VALIDATION_SEED)
+                    progress = progress.replace(best=self._better(progress, min(line["evaluation"].values())))
                 line["wall_seconds"] = round(before + time.monotonic() - started, 3)
                 self._write_line(metrics_file, line)
                 report(line)
@@ -181,6 +180,13 @@ class Run:
                     raise Interrupted(stop.number)
         return progress
 
+    def _better(self, progress, score):
+        """The `Best` after an evaluation with that score."""
+        if np.float32(score) < progress.best.score:
+            return progress.best
+        actor = jax.tree.map(jnp.copy, self.agent.policy(progress.loop.learner))
+        return Best(actor=actor, score=jnp.float32(score), step=jnp.copy(progress.loop.counter))
+
     def restore(self):
         """The newest `Progress` of the run."""
         folder = self.folder / "checkpoints"
@@ -192,7 +198,7 @@ class Run:
         """Actor parameters: ``which`` is last or best; UserError if there was no evaluation yet to be best in."""
         if which == "best" and progress.best.score < 0:
             raise UserError(f"{self.folder} has no best policy before its first evaluation: give --policy last")
-        return progress.best.actor if which == "best" else progress.loop.learner.actor
+        return progress.best.actor if which == "best" else self.agent.policy(progress.loop.learner)
 
     def record(self, actor, seed, scenes, episodes):
         """Recorded evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
@@ -232,7 +238,7 @@ class Run:
     def _init(self):
         loop = self.trainer.init(jax.random.key(self.config.seed), self._hyper)
         # A copy, since the loop's own arrays are donated to the next chunk.
-        actor = jax.tree.map(jnp.copy, loop.learner.actor)
+        actor = jax.tree.map(jnp.copy, self.agent.policy(loop.learner))
         return Progress(loop=loop, best=Best(actor=actor, score=jnp.float32(-1.0), step=jnp.int32(0)))
 
     def _like(self):
@@ -243,7 +249,7 @@ class Run:
         scenes = [scene.name for scene in self.world.scenes]
         return {
             "env_steps": counter * self.config.train.episodes,
-            "updates": counter * self.config.agent.updates_per_step,
+            "updates": self.config.agent.updates(counter),
             "success": {name: float(a / n) if n else None for name, a, n in zip(scenes, arrived, ended, strict=True)},
             "episodes": int(ended.sum()),
             **{name: float(value) for name, value in metrics.items()},
@@ -257,7 +263,7 @@ class Run:
             kept = "none was saved yet" if saved is None else f"that of step {saved} is kept"
             raise UserError(
                 f"{', '.join(broken)} turned non-finite by step {counter} (update "
-                f"{counter * self.config.agent.updates_per_step}): train anew with lower hyper.actor_lr and "
+                f"{self.config.agent.updates(counter)}): train anew with lower hyper.actor_lr and "
                 f"hyper.critic_lr and another --out; of the good checkpoints {kept} in {self.folder}"
             )
 
@@ -277,14 +283,6 @@ class Run:
                 f"{self.folder / 'metrics.jsonl'} can't be written ({error.strerror}): "
                 f"{remedy(error)}, then go on with --resume"
             ) from error
-
-
-def _better(progress, score):
-    """The `Best` after an evaluation with that score."""
-    if np.float32(score) < progress.best.score:
-        return progress.best
-    actor = jax.tree.map(jnp.copy, progress.loop.learner.actor)
-    return Best(actor=actor, score=jnp.float32(score), step=jnp.copy(progress.loop.counter))
 
 
 class _Stop:

@@ -22,7 +22,7 @@ _AT_LEAST_ZERO = (
     "passing_clearance", "safe_distance", "comfort_distance",
 )  # fmt: skip
 _POSITIVE = ("dt", "max_v", "robot_radius", "max_steps", "scan_range", "time_horizon", "time_horizon_walls")
-_LATENCIES = (("scan_latency", "scan_delay"), ("control_latency", "control_delay"))
+_WHOLE = (("scan_latency", "scan_delay"), ("control_latency", "control_delay"), ("crowd_size", "pedestrians"))
 _PROBABILITIES = (
     "scan_dropout",
     "p_pedestrian_first",
@@ -50,10 +50,10 @@ def check_params(params, config=WorldConfig()):
             raise ValueError(f"world.params.{name} is {value}: give a number of at least 0")
         if name in _PROBABILITIES and np.any((value < 0) | (value > 1)):
             raise ValueError(f"world.params.{name} is {value}: give a probability, 0 to 1")
-    for name, longest in _LATENCIES:
+    for name, longest in _WHOLE:
         value, most = params[name], getattr(config, longest)
         if not isinstance(value, jax.core.Tracer) and not np.all(np.isin(value, range(most + 1))):
-            remedy = f"a whole number of steps from 0 to world.{longest}, which is {most}"
+            remedy = f"a whole number from 0 to world.{longest}, which is {most}"
             raise ValueError(f"world.params.{name} is {value}: give {remedy}")
     _check_order(params, "preferred_speed", "max_speed")
     for name in ("robot_radius", "body_radius"):
@@ -121,15 +121,19 @@ class World:
         """`Params` of the people in its scenes; ValueError where they are not the same people."""
         return scenes.params_of(self.scenes)
 
-    def reset(self, key, params: Params, scene=None) -> State:
-        """A new episode in a random scene, or in the one with index ``scene``. ValueError: either is out of range."""
+    def reset(self, key, params: Params, scene=None, seed=None) -> State:
+        """A new episode in a random scene, or in the one with index ``scene``. ValueError: either is out of range.
+
+        seed: uint32, of its sensor noise; drawn if not given.
+        """
         check_params(params, self.config)
         if isinstance(scene, int | np.integer) and not 0 <= scene < len(self.scenes):
             raise ValueError(f"scene is {scene}: give an index into world.scenes, 0 to {len(self.scenes) - 1}")
         self._check_cells(params)
         key_place, key_fate, key_words = jax.random.split(key, 3)
         bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
-        choice, seed, words = bits[0], bits[1], bits[2:]
+        choice, words = bits[0], bits[2:]
+        seed = bits[1] if seed is None else seed
         if scene is None:
             scene = (choice % len(self.scenes)).astype(jnp.int32)
         walls, floors = self.walls(scene), _row(self._floor_table, scene)

@@ -60,7 +60,7 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
         others = _strollers(key_stroll, scenes, scene, floors, pedestrians - 1, x, y, first)
         routes = jnp.concatenate([routes, others], axis=1)
         # The turn is drawn anew for each candidate: those of the others serve as further random numbers.
-        present = jnp.arange(pedestrians) < _crowd_size(turns[1], scenes, scene, pedestrians)
+        present = jnp.arange(pedestrians) < _crowd_size(turns[1], scenes, scene, pedestrians, params)
     return (x, y, heading, goal_x, goal_y), _at_start(*routes, present, params)
 
 
@@ -115,11 +115,12 @@ def check_starts(scene, pedestrians):
         )
 
 
-def _crowd_size(u, scenes, scene, pedestrians):
-    """How many pedestrians are there, by a uniform number."""
-    sizes = [one.crowd or (pedestrians, pedestrians) for one in scenes]
+def _crowd_size(u, scenes, scene, pedestrians, params):
+    """How many pedestrians are there, by a uniform number where the scene leaves it to chance."""
+    sizes = [one.crowd or (0, 0) for one in scenes]
     least, most = (jnp.array([min(size[i], pedestrians) for size in sizes])[scene] for i in (0, 1))
-    return least + (u * (most - least + 1)).astype(jnp.int32)
+    usual = jnp.where(jnp.asarray(params.crowd_size) > 0, params.crowd_size, pedestrians).astype(jnp.int32)
+    return jnp.where(most == 0, usual, least + (u * (most - least + 1)).astype(jnp.int32))
 
 
 def _at_start(x, y, via_x, via_y, goal_x, goal_y, present, params):

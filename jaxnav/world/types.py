@@ -112,6 +112,7 @@ class Params:
     scan_dropout: float = 0.01  # share of beams that read scan_range (with world.scan-noise)
     scan_latency: float = 0.0  # whole steps from a scan to its observation, at most world.scan-delay
     # Pedestrians (section 7)
+    crowd_size: float = 0.0  # how many are there in scenes that don't say it; 0: all of world.pedestrians
     body_radius: float = 0.1  # radius of a pedestrian's body, m
     preferred_speed: float = 0.5  # walking speed, m/s
     max_speed: float = 0.5  # top speed of a pedestrian, m/s

@@ -1,169 +1,180 @@
-"""The learner: its losses against their definitions, and a bandit whose optimum is known in closed form."""
+"""The learner's update against its definitions: values, bootstraps, temperatures, rates, averages; and its sizes."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav import Params, World, WorldConfig
-from jaxnav.agents.distributions import code_log_probabilities, twist_log_density
-from jaxnav.agents.hsac import HSAC, Batch, HSACConfig, Hyperparameters, soft_value
+from jaxnav.agents.distributions import code_log_probabilities
+from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters, soft_value
 
-AGENT = HSAC(HSACConfig(actor_widths=(64,), critic_widths=(64, 64)))
-init, update = jax.jit(AGENT.init), jax.jit(AGENT.update)
-
-
-def blank_observation(may_request, batch=()):
-    """An observation of zeros: a bandit's only state."""
-    world = World(WorldConfig(beams=4))
-    shapes = jax.eval_shape(lambda key: world.observe(world.reset(key, Params()), Params()), jax.random.key(0))
-    zeros = jax.tree.map(lambda leaf: jnp.zeros((*batch, *leaf.shape), leaf.dtype), shapes)
-    return zeros.replace(may_request=jnp.full(batch, may_request))
+SIZES = {"actor_widths": (16,), "critic_widths": (16, 16)}
+AGENT = HSAC(HSACConfig(**SIZES))
+init, update, act, best_action = map(jax.jit, (AGENT.init, AGENT.update, AGENT.act, AGENT.best_action))
 
 
-def random_batch(key, size, may_request=True, terminated=0.0):
-    keys = jax.random.split(key, 4)
-    observation = jax.tree.map(jnp.array, blank_observation(may_request, (size,)))
-    scan = jax.random.uniform(keys[0], (size, 4), maxval=5.0)
-    return Batch(
-        observation=observation.replace(scan=scan), next_observation=observation.replace(scan=scan[::-1]),
-        twist=jnp.tanh(jax.random.normal(keys[1], (size, 2))), code=jax.random.randint(keys[2], (size,), 0, 4),
-        reward=100 * jax.random.normal(keys[3], (size,)), terminated=jnp.full(size, terminated),
-    )  # fmt: skip
+@pytest.fixture(scope="module")
+def fresh(blank_observation):
+    return init(jax.random.key(1), blank_observation(), Hyperparameters())
 
 
-def test_bandit_learns_the_closed_form_optimum():
-    """One step, Q(a, d) = alpha_c log p*(a) + g(d): the optimum is pi = p* and p = softmax(g / alpha_d)."""
-    alpha, mean, log_std = 0.3, jnp.array([0.5, -0.3]), jnp.array([-0.8, -0.4])
-    gain = jnp.array([0.0, 0.3, -0.2, 0.1])
-    hyper = Hyperparameters(temperature_lr=0.0, initial_temperature=alpha, reward_scale=1.0, tau=0.05)
-    batch = 256
-    observation = blank_observation(True, (batch,))
+@pytest.fixture(scope="module")
+def batch(random_batch):
+    return random_batch(np.random.default_rng(0), (32,))
 
-    def step(state, key_and_index):
-        key, index = key_and_index
-        key_twist, key_code, key_update = jax.random.split(key, 3)
-        twist = jnp.tanh(1.2 * jax.random.normal(key_twist, (batch, 2)))
-        code = jax.random.randint(key_code, (batch,), 0, 4)
-        reward = alpha * twist_log_density(twist, mean, log_std) + gain[code]
-        data = Batch(
-            observation=observation, next_observation=observation, twist=twist, code=code, reward=reward,
-            terminated=jnp.ones(batch),
-        )  # fmt: skip
-        return AGENT.update(key_update, state, data, hyper, 1.0 - index / 2500)[0], None
 
-    @jax.jit
-    def train(key):
-        state = AGENT.init(key, blank_observation(True), hyper)
-        return jax.lax.scan(step, state, (jax.random.split(key, 2500), jnp.arange(2500)))[0]
-
-    actor = train(jax.random.key(0)).actor
-    silence = jnp.zeros((1, 3))
-    learnt_mean, learnt_log_std, logits = AGENT.actor.apply(actor, blank_observation(True), silence, method="act")
-    np.testing.assert_allclose(learnt_mean, mean, atol=0.1)
-    np.testing.assert_allclose(jnp.exp(learnt_log_std), jnp.exp(log_std), rtol=0.2)
-    np.testing.assert_allclose(jax.nn.softmax(logits), jax.nn.softmax(gain / alpha), atol=0.05)
+def assert_close(a, b, **tolerance):
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **tolerance), a, b)
 
 
 def test_soft_value_is_the_sum_over_codes():
     rng = np.random.default_rng(0)
     q, logits = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
-    log_density = np.array([0.4, -1.1])
     temperatures = {"twist": 0.2, "code": 0.7}
     counts = jnp.array([True, False])
-    value = soft_value(
-        jnp.array(q), jnp.array(log_density), code_log_probabilities(jnp.array(logits), counts), counts, temperatures
-    )
+    log_p = code_log_probabilities(jnp.array(logits), counts)
     p = np.exp(logits[0]) / np.exp(logits[0]).sum()
+
+    one_twist = np.array([[0.4], [-1.1]])
     with_code = sum(p[k] * (q[0, k] - 0.7 * np.log(p[k]) - 0.2 * 0.4) for k in range(4)) - 0.7 * np.log(4)
+    value = soft_value(jnp.array(q), jnp.array(one_twist), log_p, counts, temperatures)
     np.testing.assert_allclose(value, [with_code, q[1, 0] + 0.2 * 1.1], rtol=1e-5)
 
-
-@pytest.mark.parametrize("terminated", [1.0, 0.0])
-def test_only_terminated_transitions_do_not_bootstrap(terminated):
-    hyper = Hyperparameters()
-    batch = random_batch(jax.random.key(0), 8, terminated=terminated)
-    state = init(jax.random.key(1), blank_observation(True), hyper)
-    temperatures = jax.tree.map(jnp.exp, state.log_temperatures)
-    bootstrap = jax.jit(AGENT._target)
-    target = bootstrap(jax.random.key(2), state, batch, temperatures, hyper)
-    assert np.allclose(target, 0.01 * batch.reward, rtol=1e-6) == bool(terminated)
-    no_future = bootstrap(jax.random.key(2), state, batch, temperatures, hyper.replace(discount=0.0))
-    np.testing.assert_allclose(no_future, 0.01 * batch.reward, rtol=1e-6)
+    own = rng.normal(size=(2, 4))
+    with_code = sum(p[k] * (q[0, k] - 0.7 * np.log(p[k]) - 0.2 * own[0, k]) for k in range(4)) - 0.7 * np.log(4)
+    value = soft_value(jnp.array(q), jnp.array(own), log_p, counts, temperatures)
+    np.testing.assert_allclose(value, [with_code, q[1, 0] - 0.2 * own[1, 0]], rtol=1e-5)
 
 
-def updated(hyper, may_request=True, updates=3):
-    state = init(jax.random.key(1), blank_observation(True), hyper)
+@pytest.fixture(scope="module")
+def targets(fresh):
+    """What critics are to learn of each transition: the slope, where they say 0, of a loss that isn't linear yet."""
+    agent = HSAC(HSACConfig(huber_delta=10.0, **SIZES))
+    temperatures = jax.tree.map(jnp.exp, fresh.log_temperatures)
+    mute = jax.tree.map(jnp.zeros_like, fresh.critic)
+
+    @jax.jit
+    @jax.vmap
+    def slopes(transition, discount):
+        one = jax.tree.map(lambda leaf: leaf[None], transition)
+        hyper = Hyperparameters(discount=discount, reward_scale=0.1)
+        gradient, _ = jax.grad(agent._critic_loss, has_aux=True)(
+            mute, jax.random.key(2), fresh, one, temperatures, hyper
+        )
+        return jnp.stack([gradient["params"][f"Dense_{i}"]["bias"][transition.code] for i in range(2)])
+
+    def targets(batch, discount=0.9):
+        first, second = -np.asarray(slopes(batch, jnp.full(batch.reward.shape, discount))).T
+        np.testing.assert_allclose(first, second, rtol=1e-6)
+        return first
+
+    return targets
+
+
+def test_only_terminated_transitions_do_not_bootstrap(targets, batch):
+    """Those that ended otherwise, by a time-out, do."""
+    reward = 0.1 * batch.reward
+    bootstraps = np.abs(targets(batch) - reward) > 1e-3
+    np.testing.assert_array_equal(bootstraps, ~batch.terminated)
+    assert (batch.ended & bootstraps).any()
+    np.testing.assert_allclose(targets(batch, discount=0.0), reward, rtol=1e-6)
+
+
+def test_the_bootstrap_is_discounted_once_for_each_step_that_the_reward_covers(targets, batch):
+    goes_on = batch.replace(terminated=np.zeros(32, bool))
+    steps = np.arange(32) % 4 + 1
+    once, often = (targets(one) - 0.1 * batch.reward for one in (goes_on, goes_on.replace(steps=steps)))
+    np.testing.assert_allclose(often, once * 0.9 ** (steps - 1), rtol=1e-4, atol=1e-6)
+
+
+def updated(state, batch, hyper, updates=3):
     for i in range(updates):
-        state, metrics = update(jax.random.key(i), state, random_batch(jax.random.key(i), 32, may_request), hyper)
+        state, metrics = update(jax.random.key(i), state, batch, hyper, 1.0)
     return state, metrics
 
 
 @pytest.mark.parametrize("name", ["twist", "code"])
-def test_temperature_rises_while_entropy_is_below_its_target(name):
+def test_temperature_rises_while_entropy_is_below_its_target(fresh, batch, name):
     entropy_field = f"target_entropy_{name}"
-    high = updated(Hyperparameters(**{entropy_field: 50.0}))[0].log_temperatures[name]
-    low = updated(Hyperparameters(**{entropy_field: -50.0}))[0].log_temperatures[name]
+    high = updated(fresh, batch, Hyperparameters(**{entropy_field: 50.0}))[0].log_temperatures[name]
+    low = updated(fresh, batch, Hyperparameters(**{entropy_field: -50.0}))[0].log_temperatures[name]
     assert float(high) > np.log(0.05) > float(low)
 
 
-def test_where_no_code_counts_its_temperature_rests():
-    state, metrics = updated(Hyperparameters(), may_request=False)
+def test_where_no_code_counts_its_temperature_rests(fresh, batch):
+    nowhere = np.zeros(32, bool)
+    silent = batch.replace(observation=batch.observation.replace(may_request=nowhere), code=np.zeros(32, np.int32))
+    state, metrics = updated(fresh, silent, Hyperparameters())
     assert float(state.log_temperatures["code"]) == pytest.approx(np.log(0.05))
     assert float(metrics["code_entropy"]) == 0.0
 
 
-def test_update_changes_everything_and_targets_by_tau():
-    hyper = Hyperparameters(tau=0.25)
-    before = init(jax.random.key(1), blank_observation(True), hyper)
-    after, _ = update(jax.random.key(0), before, random_batch(jax.random.key(0), 32), hyper)
-    expected = jax.tree.map(lambda old, new: old + 0.25 * (new - old), before.critic, after.critic)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-7), after.target_critic, expected)
-    for name in ("actor", "critic"):
-        moved = [bool((a != b).any()) for a, b in zip(*map(jax.tree.leaves, (before[name], after[name])), strict=True)]
-        # The pedestrian embedding of a zero observation sits behind a ReLU; everything else must move.
-        assert np.mean(moved) > 0.8
-
-
-def test_learning_rates_scale_the_step():
-    """Adam's first step is the learning rate times the sign of the gradient, so twice the rate is twice the step."""
-    batch = random_batch(jax.random.key(0), 32)
-    before = init(jax.random.key(1), blank_observation(True), Hyperparameters())
-
-    def step(**rates):
-        after, _ = update(jax.random.key(0), before, batch, Hyperparameters(**rates))
-        return jax.tree.map(lambda a, b: a - b, after.critic, before.critic)
-
-    jax.tree.map(
-        lambda one, two: np.testing.assert_allclose(2 * one, two, atol=1e-6), step(critic_lr=1e-3), step(critic_lr=2e-3)
+def test_update_changes_everything_targets_by_tau_and_averages_by_their_share(fresh, batch):
+    hyper = Hyperparameters(tau=0.25, average=0.125)
+    after, _ = update(jax.random.key(0), fresh, batch, hyper, 1.0)
+    assert_close(
+        after.target_critic, jax.tree.map(lambda a, b: a + 0.25 * (b - a), fresh.critic, after.critic), atol=1e-7
     )
-    assert max(float(jnp.abs(leaf).max()) for leaf in jax.tree.leaves(step(critic_lr=0.0))) == 0.0
+    assert_close(after.averaged, jax.tree.map(lambda a, b: a + 0.125 * (b - a), fresh.actor, after.actor), atol=1e-7)
+    assert AGENT.policy(after) is after.averaged
+    for name in ("actor", "critic"):
+        moved = [bool((a != b).any()) for a, b in zip(*map(jax.tree.leaves, (fresh[name], after[name])), strict=True)]
+        assert all(moved)
 
 
-def test_act_and_best_action_keep_silent_where_codes_do_not_count():
-    state, _ = updated(Hyperparameters(), updates=1)
+def test_learning_rates_scale_the_step(fresh, batch):
+    """Adam's first step is the learning rate times the sign of the gradient, so twice the rate is twice the step."""
+
+    def step(lr_scale=1.0, **rates):
+        after, _ = update(jax.random.key(0), fresh, batch, Hyperparameters(**rates), lr_scale)
+        names = ("actor", "critic", "log_temperatures")
+        return {name: jax.tree.map(lambda a, b: a - b, after[name], fresh[name]) for name in names}
+
+    rates = {"actor": "actor_lr", "critic": "critic_lr", "log_temperatures": "temperature_lr"}
+    slow, fast = dict.fromkeys(rates.values(), 1e-3), dict.fromkeys(rates.values(), 2e-3)
+    assert_close(step(2.0, **slow), step(**fast), atol=1e-7)
+    for name, rate in rates.items():
+        one, two = (step(**slow | {rate: value})[name] for value in (1e-3, 2e-3))
+        assert_close(two, jax.tree.map(lambda leaf: 2 * leaf, one), atol=1e-6)
+        rests = step(**slow | {rate: 0.0})
+        still = {name: max(float(jnp.abs(leaf).max()) for leaf in jax.tree.leaves(rests[name])) == 0 for name in rests}
+        assert still == {other: other == name for other in rests}
+
+
+def test_the_reward_counts_by_its_scale(fresh, batch):
+    """Scaled by so much, or that much greater: it is the same."""
+    scaled, _ = update(jax.random.key(0), fresh, batch, Hyperparameters(reward_scale=0.5), 1.0)
+    greater = batch.replace(reward=50 * batch.reward)
+    same, _ = update(jax.random.key(0), fresh, greater, Hyperparameters(reward_scale=0.01), 1.0)
+    assert_close(scaled.critic, same.critic, atol=1e-6)
+
+
+def test_act_and_best_action_keep_silent_where_codes_do_not_count(fresh, blank_observation):
     for may_request in (True, False):
         observation = blank_observation(may_request, (512,))
-        codes = np.asarray(AGENT.act(jax.random.key(0), state.actor, observation, Hyperparameters()).code)
+        codes = np.asarray(act(jax.random.key(0), fresh, observation, Hyperparameters()).code)
         assert (codes > 0).any() == may_request
-    loud = jax.tree.map(lambda leaf: leaf, state.actor)
+    loud = jax.tree.map(lambda leaf: leaf, fresh.actor)
     loud["params"]["code_head"]["bias"] = jnp.array([0.0, 9.0, 0.0, 0.0])
-    assert int(AGENT.best_action(loud, blank_observation(True)).code) == 1
-    assert int(AGENT.best_action(loud, blank_observation(True), voice=False).code) == 0
-    assert int(AGENT.best_action(loud, blank_observation(False)).code) == 0
+    assert int(best_action(loud, blank_observation(True)).code) == 1
+    assert int(best_action(loud, blank_observation(True), voice=False).code) == 0
+    assert int(best_action(loud, blank_observation(False)).code) == 0
 
 
-def test_policy_does_not_depend_on_how_many_pedestrians_are_seen():
+def test_policy_does_not_depend_on_how_many_pedestrians_are_seen(fresh, random_observation):
     """Parameters fit any number, and the order of the pedestrians is of no consequence."""
-    state, _ = updated(Hyperparameters(), updates=1)
-    world = World(WorldConfig(beams=4, pedestrians=6))
-    observation = world.observe(world.reset(jax.random.key(0), Params()), Params())
-    assert observation.pedestrians.shape == (4, 4)
-    flipped = observation.replace(
-        pedestrians=observation.pedestrians[::-1], dialogue=jax.tree.map(lambda leaf: leaf[::-1], observation.dialogue)
-    )
-    one, two = (AGENT.best_action(state.actor, seen).twist for seen in (observation, flipped))
-    np.testing.assert_allclose(one, two, atol=1e-6)
+    rng = np.random.default_rng(0)
+    two, one = random_observation(rng), random_observation(rng)
+
+    def people(change, *observations):
+        parts = [(each.pedestrians, each.seen, each.dialogue) for each in observations]
+        pedestrians, seen, dialogue = jax.tree.map(change, *parts)
+        return two.replace(pedestrians=pedestrians, seen=seen, dialogue=dialogue)
+
+    four = people(lambda *leaves: np.concatenate(leaves), two, one)
+    flipped = people(lambda leaf: leaf[::-1], four)
+    first, second = (best_action(fresh.actor, seen).twist for seen in (four, flipped))
+    np.testing.assert_allclose(first, second, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -171,9 +182,13 @@ def test_policy_does_not_depend_on_how_many_pedestrians_are_seen():
     [
         ("encoder", "cnn"),
         ("language", "latin"),
+        ("codes", 3),
+        ("heads", "two"),
         ("batch", 0),
         ("updates_per_step", -1),
+        ("n_step", 0),
         ("actor_widths", ()),
+        ("critic_widths", (8, 0)),
         ("huber_delta", float("nan")),
     ],
 )

@@ -106,7 +106,7 @@ def test_replay_gives_late_snapshots_back_and_each_episode_has_its_own_latency(d
         rows=1, template=jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), snapshots)
     )
     contents = replay.add(replay.init(STEPS + 1), jnp.int32(0), snapshots)
-    drawn = replay.sample(jax.random.key(0), contents, jnp.int32(1), 40)
+    drawn, _ = replay.sample(jax.random.key(0), contents, jnp.int32(1), 40)
     latencies = np.arange(40) % (SCAN_DELAY + 1)
 
     def scan(snapshot, latency):

@@ -1,0 +1,342 @@
+"""What the paper's three tables are made of, for ours: numbers over seeds, Markdown and a picture of a result.
+
+A result is what tables.py writes, a dict: `table`, `rows` (a scene, method and budget each), `pairs` and provenance.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+from scipy.stats import bootstrap, trim_mean
+
+from jaxnav.training.evaluation import wilson_interval
+from jaxnav.world import SCENES, SUITES
+
+RESAMPLES = 9999
+REACHED = 0.95  # success of a run that learnt its scene
+TITLES = {"table1": "Methods", "table2": "Two codes against four", "table3": "With and without language, and muted"}
+NAMES = {
+    "success": "success", "collision": "collision", "human_collision": "human collisions", "timeout": "time-outs",
+    "steps": "steps", "min_distance": "minimum distance (m)", "comfort": "comfort", "train_hours": "training (h)",
+}  # fmt: skip
+RATES = ("success", "collision", "human_collision", "timeout")
+
+# PAPER.md, section 10: {table: {scene: {method: {field: number}}}}.
+_PAPER = {
+    "table1": (("success", "collision", "steps", "train_hours", "human_collision", "min_distance", "comfort"), {
+        "square": {"A2C": (.69, .28, 27.38, .9, .28, .25, .81), "TD3": (.85, .14, 21.21, 2.6, .14, .28, .80),
+                   "PPO": (.58, .42, 37.81, 8.0, .39, .23, .82), "HSAC-LLM": (.91, .08, 19.96, 1.6, .07, .31, .85)},
+        "hallway": {"A2C": (.28, .59, 58.85, .9, .32, .42, .91), "TD3": (.77, .20, 41.12, 5.0, .21, .30, .89),
+                    "PPO": (.63, .37, 30.30, 6.6, .08, .50, .91), "HSAC-LLM": (.93, .07, 27.10, 1.9, .06, .32, .93)},
+        "crosswalk": {"A2C": (.14, .77, 43.83, 1.1, .58, 1.28, .99), "TD3": (.85, .14, 41.67, 3.0, .14, .33, .90),
+                      "PPO": (.46, .53, 33.33, 10.8, .53, .54, .91), "HSAC-LLM": (.91, .09, 32.80, 2.0, .08, .40, .92)},
+    }),
+    "table2": (("success", "collision", "steps", "train_hours"), {
+        "square": {"2 codes": (.90, .10, 20.84, 1.45), "4 codes": (.91, .08, 19.96, 1.60)},
+        "hallway": {"2 codes": (.92, .08, 29.56, 1.67), "4 codes": (.93, .07, 27.10, 1.89)},
+        "crosswalk": {"2 codes": (.87, .13, 35.22, 1.78), "4 codes": (.91, .09, 32.80, 2.04)},
+    }),
+    "table3": (("success", "collision", "steps", "human_collision"), {
+        "square": {"without language": (.86, .14, 20.02, .14), "with language": (.91, .08, 19.96, .07)},
+        "hallway": {"without language": (.91, .09, 29.00, .09), "with language": (.93, .07, 27.10, .06)},
+        "crosswalk": {"without language": (.87, .13, 34.78, .13), "with language": (.91, .09, 32.80, .08)},
+    }),
+}  # fmt: skip
+PAPER = {
+    table: {s: {m: dict(zip(fields, row, strict=True)) for m, row in rows.items()} for s, rows in scenes.items()}
+    for table, (fields, scenes) in _PAPER.items()
+}
+
+
+def measure(per_seed, trials=None):
+    """A measure over seeds: `mean`, its `ci95`, `per_seed`, `iqm` (interquartile mean); of proportions `wilson95`, too.
+
+    ci95 is the percentile bootstrap's over seeds; with one seed it is Wilson's of a proportion, else None.
+
+    per_seed: a value each, None where there is none. The rest is of the others, None if there are none.
+    trials: episodes that each seed played, where values are proportions of them.
+    Raises ValueError: a value isn't finite.
+    """
+    values = [None if value is None else float(value) for value in per_seed]
+    known = np.sort(np.array([value for value in values if value is not None]))  # seeds have no order
+    if not np.isfinite(known).all():
+        raise ValueError(f"per_seed is {values}: leave out what isn't finite")
+    result = {"mean": None, "ci95": None, "per_seed": values, "iqm": None}
+    if trials is not None:
+        result["wilson95"] = [None if v is None else wilson_interval(round(v * trials), trials) for v in values]
+    if known.size:
+        result |= {"mean": _inside(known, known.mean()), "iqm": _inside(known, trim_mean(known, 0.25))}
+    if known.size > 1:
+        found = bootstrap((known,), np.mean, n_resamples=RESAMPLES, method="percentile", random_state=0)
+        result["ci95"] = _inside(known, found.confidence_interval)
+    elif known.size and trials is not None:
+        result["ci95"] = wilson_interval(round(known[0] * trials), trials)
+    return result
+
+
+def _inside(values, means):
+    """Means of values, which may be rounded away from equal ones."""
+    return np.clip(means, values.min(), values.max()).tolist()
+
+
+def suite_iqm(rows):
+    """Interquartile mean of success over runs (a seed in a scene each), as rliable's (Agarwal et al. 2021).
+
+    rows: of one method, suite and budget, a scene each. Returns `iqm`, its `ci95` (bootstrap stratified by scene; None
+    where no scene has two seeds) and what they hide: `min` and `reached`, the share of runs with success >= `REACHED`;
+    `runs` and `scenes` say how many there are. None: no run is left.
+    """
+    # In an order of their own: a result doesn't depend on that of rows or seeds.
+    rows = sorted(rows, key=lambda row: row["scene"])
+    scenes = [np.sort(row["success"]["per_seed"]) for row in rows if row["success"]["per_seed"]]
+    if not scenes:
+        return None
+    runs, generator = np.concatenate(scenes), np.random.default_rng(0)
+    # Not scipy's `bootstrap`, which refuses a scene with one seed left.
+    resampled = [scene[generator.integers(scene.size, size=(RESAMPLES, scene.size))] for scene in scenes]
+    iqms = trim_mean(np.concatenate(resampled, axis=1), 0.25, axis=1)
+    return {
+        "iqm": _inside(runs, trim_mean(runs, 0.25)),
+        "ci95": _inside(runs, np.percentile(iqms, (2.5, 97.5))) if runs.size > len(scenes) else None,
+        "min": float(runs.min()), "reached": float(np.mean(runs >= REACHED)), "runs": runs.size, "scenes": len(scenes),
+    }  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """What a table has a place for: all scenes of its suites, with all methods and budgets that its rows name.
+
+    suites: {suite: its scenes}; methods: {budget of training: learnt methods, "none": scripted robots}.
+    rows: {(suite, budget, scene, method): row}, of scripted robots for every budget.
+    """
+
+    suites: dict
+    methods: dict
+    rows: dict
+
+    @classmethod
+    def of(cls, result):
+        """The grid of a result."""
+        rows, suites = result["rows"], {}
+        learnt, scripted = ([row for row in rows if (row["budget"] == "none") == none] for none in (False, True))
+        for row in rows:
+            names = {row["scene"], *suites.get(row["suite"], SUITES.get(row["suite"], ()))}
+            suites[row["suite"]] = sorted(names, key=lambda name: ([*SCENES, name].index(name), name))
+        methods = {row["budget"]: list(dict.fromkeys(row["method"] for row in learnt)) for row in learnt}
+        methods["none"] = list(dict.fromkeys(row["method"] for row in scripted))
+        places = {(row["suite"], row["budget"], row["scene"], row["method"]): row for row in learnt}
+        places |= {(row["suite"], budget, row["scene"], row["method"]): row for row in scripted for budget in methods}
+        return cls(suites, methods, places)
+
+    def found(self, suite, budget, methods):
+        """The rows of these methods in a suite that are there."""
+        keys = itertools.product([suite], [budget], self.suites[suite], methods)
+        return [self.rows[key] for key in keys if key in self.rows]
+
+    def title(self, suite, budget):
+        """Suite and budget with its steps, and whether it was run at all."""
+        rows = self.found(suite, budget, self.methods[budget])
+        steps = "" if budget == "none" or not rows else f" of {_span(rows, 'env_steps')} steps"
+        text = "scripted robots" if budget == "none" else f"{budget} budget{steps}"
+        return f"{suite} suite, {text}{'' if rows else ': not run'}"
+
+
+def _span(rows, field):
+    """The least and the most of a field, as text."""
+    values = [row[field] for row in rows]
+    return " to ".join(dict.fromkeys(f"{value:,.0f}" for value in (min(values), max(values))))
+
+
+def _number(value, digits=3):
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _with_interval(value, interval):
+    return _number(value) + ("" if interval is None else f" ({interval[0]:.3f}-{interval[1]:.3f})")
+
+
+def _table(header, rows):
+    return ["", *(f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows))]
+
+
+def markdown(result):
+    """The result as Markdown: facts, a table a suite and budget, the paper's numbers, suites, pairs, seeds left out."""
+    grid = Grid.of(result)
+    lines = [_facts(result)]
+    for suite in grid.suites:
+        for budget, methods in grid.methods.items():
+            if methods:
+                lines += ["", f"**{grid.title(suite, budget)}**"]
+            if grid.found(suite, budget, methods):
+                lines += _measures(grid, suite, budget)
+        if suite == "parity" and result["table"] in PAPER:
+            lines += _paper(result["table"])
+    lines += _suites(grid) + _pairs(result["pairs"]) + _left_out(result["rows"])
+    return "\n".join(lines) + "\n"
+
+
+def _facts(result):
+    rows, facts = result["rows"], f"{TITLES.get(result['table'], result['table'])}. "
+    learnt = [row for row in rows if row["budget"] != "none"]
+    if learnt:
+        budgets = dict.fromkeys(row["budget"] for row in learnt)
+        steps = {b: _span([row for row in learnt if row["budget"] == b], "env_steps") for b in budgets}
+        seeds = [{"seeds": len({*map(str, row["seeds"]), *row["excluded"]})} for row in learnt]
+        facts += (
+            f"Budgets: {', '.join(f'{budget} ({count} environment steps)' for budget, count in steps.items())}; "
+            f"{_span(seeds, 'seeds')} seeds, trained at once in {_span(learnt, 'train_seconds')} s. "
+        )
+    if rows:
+        facts += f"{_span(rows, 'episodes')} episodes a scene with each seed. "
+    return facts + (
+        f"Device: {result['device']}; commit {result['commit']}; {result['wall_seconds']:,.0f} s in all. Our scenes "
+        "are not the paper's. Intervals of 95 %: percentile bootstrap of the mean over seeds (a point where all seeds "
+        "agree); of a scripted robot or one seed Wilson's over episodes. Bold: the highest mean success of a learnt "
+        "method in a scene, as printed; no test of significance."
+    )
+
+
+def _measures(grid, suite, budget):
+    fields = {"collision": 3, "human_collision": 3, "timeout": 3, "steps": 2, "min_distance": 2, "comfort": 3}
+    header = ["scene", "method", "seeds", "success (95 % interval)", *(NAMES[f] for f in fields), "training (s)"]
+    lines, learnt = [], budget != "none"
+    for scene in grid.suites[suite]:
+        rows = {method: grid.rows.get((suite, budget, scene, method)) for method in grid.methods[budget]}
+        shown = {method: _number(row["success"]["mean"]) for method, row in rows.items() if row}
+        best = max((success for success in shown.values() if learnt and success != "-"), default=None)
+        for method, row in rows.items():
+            if row is None:
+                lines.append([scene, method, "not run", *[""] * (len(header) - 3)])
+                continue
+            bold = "**" if shown[method] == best else ""
+            lines.append([
+                scene, f"{bold}{method}{bold}", str(len(row["success"]["per_seed"])) if learnt else "-",
+                f"{bold}{_with_interval(row['success']['mean'], row['success']['ci95'])}{bold}",
+                *(_number(row[field]["mean"], digits) for field, digits in fields.items()),
+                f"{row['train_seconds']:,.0f}" if learnt else "-",
+            ])  # fmt: skip
+    return _table(header, lines)
+
+
+def _paper(table):
+    rows = [
+        [scene, method, *(f"{number:.2f}" for number in numbers.values())]
+        for scene, methods in PAPER[table].items()
+        for method, numbers in methods.items()
+    ]
+    silent = " Whether its A2C, TD3 and PPO could hear or ask is not said." if table == "table1" else ""
+    return [
+        "", f"**The paper's Table {'I' * int(table[-1])}: another simulator's numbers, not comparable with ours** (500 "
+        f"tests a scene, 128,000 training steps, RTX 2070).{silent}",
+        *_table(["scene", "method", *(NAMES[field] for field in _PAPER[table][0])], rows),
+    ]  # fmt: skip
+
+
+def _suites(grid):
+    rows = []
+    for suite, scenes in grid.suites.items():
+        for budget, method in ((budget, method) for budget, methods in grid.methods.items() for method in methods):
+            if found := suite_iqm(grid.found(suite, budget, [method])):
+                rows.append([
+                    suite, budget, method, _with_interval(found["iqm"], found["ci95"]), _number(found["min"]),
+                    f"{100 * found['reached']:.0f} %", f"{found['runs']} in {found['scenes']} of {len(scenes)} scenes",
+                ])  # fmt: skip
+    header = ["suite", "budget", "method", "interquartile mean (95 % interval)", "minimum", f"reach {REACHED}", "runs"]
+    return [
+        "", "**Success over suites**: interquartile mean over runs (a seed in a scene each), bootstrap stratified by "
+        "scene, and what it hides; seeds left out are not among the runs", *_table(header, rows),
+    ]  # fmt: skip
+
+
+def _pairs(pairs):
+    rows = []
+    for pair in pairs:
+        scale, unit = (100, " points") if pair["field"] in RATES else (1, "")
+        rows.append([
+            pair["suite"], pair["scene"], pair["budget"], f"{pair['one']} minus {pair['other']}", NAMES[pair["field"]],
+            f"{scale * pair['difference']:+.2f} ± {scale * pair['ci95_half']:.2f}{unit}", f"{pair['episodes']:,}",
+        ])  # fmt: skip
+    header = ["suite", "scene", "budget", "compared", "of", "difference (95 % interval)", "episodes"]
+    return ["", "**Paired differences** over the same episodes", *_table(header, rows)] if rows else []
+
+
+def _left_out(rows):
+    left_out = [
+        f"- {row['budget']} budget: seed {seed} of {row['method']} in {row['scene']} turned non-finite by step "
+        f"{step:,} and is left out"
+        for row in rows
+        for seed, step in row["excluded"].items()
+    ]
+    return ["", *(left_out or ["No seed turned non-finite."])]
+
+
+def draw(result, path):
+    """Write `figure_of` a result as a PNG file."""
+    figure_of(result).savefig(path, dpi=130)
+
+
+def figure_of(result):
+    """Success and human collisions by scene and method: a column a suite, a pair of rows a budget.
+
+    Artists of a method are labelled "<method> seeds", "<method> mean" and "<method> interval".
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    from jaxnav.render import palette
+
+    colours = (palette.GOAL, "#E69F00", palette.ENCOUNTER, palette.ROBOT, palette.PEDESTRIAN, palette.LASER)
+    grid, fields = Grid.of(result), ("success", "human_collision")
+    *budgets, none = grid.methods
+    budgets = budgets or [none]  # scripted robots stand beside the learnt ones of every budget
+    learnt = grid.methods[budgets[0]] if budgets != [none] else []
+    styles = {method: ("o", colours[k % len(colours)], colours[k % len(colours)]) for k, method in enumerate(learnt)}
+    styles |= {method: ("Ds^v"[k % 4], palette.FAINT_INK, "white") for k, method in enumerate(grid.methods[none])}
+    widths, slot = [len(scenes) for scenes in grid.suites.values()], 1 / (len(styles) + 1)
+    width = 2 + max(max(0.2 / slot, 1.2) * sum(widths), 6)
+    figure = Figure(figsize=(width, 1 + 5 * len(budgets)), layout="constrained")
+    panels = figure.subplots(2 * len(budgets), len(widths), squeeze=False, width_ratios=widths)
+    for (i, budget), (j, suite), (k, field) in itertools.product(*map(enumerate, (budgets, grid.suites, fields))):
+        axes, scenes = panels[2 * i + k, j], grid.suites[suite]
+        for place, (method, (mark, colour, face)) in enumerate(styles.items(), 1):
+            rows = {}
+            for x, scene in enumerate(scenes):
+                row = grid.rows.get((suite, budget, scene, method))
+                if row and row[field]["mean"] is not None:
+                    rows[x + place * slot - 0.5] = row[field]
+                else:
+                    axes.text(x + place * slot - 0.5, 0.03, "left out" if row else "not run", rotation=90, fontsize=7,
+                              ha="center", color=colour, transform=axes.get_xaxis_transform())  # fmt: skip
+            if not rows:
+                continue
+            x, found = np.array(list(rows)), list(rows.values())
+            axes.vlines(x, *np.transpose([row["ci95"] for row in found]), colour, lw=1.5, label=f"{method} interval")
+            shape = {"marker": "_", "ms": 14} if method in learnt else {"marker": mark, "ms": 6, "mfc": face}
+            axes.plot(x, [row["mean"] for row in found], ls="", mew=1.5, color=colour, label=f"{method} mean", **shape)
+            if method in learnt:
+                values = [row["per_seed"] for row in found]
+                beside = [at + slot * np.linspace(-0.3, 0.3, len(seeds)) for at, seeds in zip(x, values, strict=True)]
+                axes.plot(np.concatenate(beside), np.concatenate(values), "o", ms=4, alpha=0.6, mec="none",
+                          color=colour, label=f"{method} seeds")  # fmt: skip
+        if axes is not panels[k, 0]:
+            axes.sharey(panels[k, 0])  # suites and budgets are compared
+        axes.set_xlim(-0.5, len(scenes) - 0.5)
+        axes.set_xticks(range(len(scenes)), [scene.replace("-", "\n") for scene in scenes])
+        axes.tick_params(axis="x", length=0)
+        axes.vlines(np.arange(len(scenes) - 1) + 0.5, 0, 1, palette.OUTSIDE, transform=axes.get_xaxis_transform())
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="y", color=palette.OUTSIDE)
+        axes.set_axisbelow(True)
+        axes.set_ylabel("" if j else NAMES[field])
+        axes.set_title("" if k else grid.title(suite, budget).replace(", ", "\n", 1), fontsize=10)
+    handles = [
+        Line2D([], [], marker=mark, color=colour, mfc=face, label=method)
+        for method, (mark, colour, face) in styles.items()
+    ]
+    figure.legend(handles=handles, loc="outside right upper", frameon=False)
+    figure.supxlabel(
+        "dots: seeds; bars: their mean; open marks: scripted robots\n"
+        "lines: 95 % intervals, of the mean over seeds or, of a scripted robot, Wilson's over episodes",
+        fontsize=9, color=palette.FAINT_INK,
+    )  # fmt: skip
+    return figure

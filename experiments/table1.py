@@ -1,0 +1,17 @@
+"""Table I: methods x scenes, with the paper's steps and with more.
+
+python experiments/table1.py --help
+"""
+
+import tables
+
+METHODS = ("HSAC", "TD3", "PPO", "A2C")
+
+
+def main(arguments=None):
+    """Entry point."""
+    tables.main("table1", METHODS, [("HSAC", other) for other in METHODS[1:]], arguments)
+
+
+if __name__ == "__main__":
+    main()

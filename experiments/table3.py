@@ -1,0 +1,17 @@
+"""Table III: with and without language, and the same robot muted.
+
+python experiments/table3.py --help
+"""
+
+import tables
+
+METHODS = ("HSAC", "HSAC without language", "HSAC muted")
+
+
+def main(arguments=None):
+    """Entry point."""
+    tables.main("table3", METHODS, [("HSAC", other) for other in METHODS[1:]], arguments)
+
+
+if __name__ == "__main__":
+    main()

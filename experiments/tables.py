@@ -1,0 +1,426 @@
+"""What the three tables share: robots trained a scene at a time, all seeds at once, played, and put into rows.
+
+Trainings and plays lie in a folder that all tables share: what one table has done, another does not do again, and a
+table that was interrupted goes on where it was.
+"""
+
+import dataclasses
+import json
+import math
+import pathlib
+import sys
+import time
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import report
+import scene_study
+import tyro
+from rich.console import Console
+
+from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.errors import UserError
+from jaxnav.language.table import default_table
+from jaxnav.training.config import PRESETS, differences, make_agent, preset, resolve, to_json
+from jaxnav.training.evaluation import episode_keys, make_policy
+from jaxnav.training.population import Population, member
+from jaxnav.training.provenance import provenance
+from jaxnav.training.rollout import EpisodeSummary, play, record
+from jaxnav.world import SUITES, default_params
+
+PAPER_STEPS = 128_000
+BLOCK = 500  # episodes played at once
+DRAWN = 6  # episodes of each scene in the figure of a method's trajectories
+TUNED = scene_study.RESULTS / "tuning.json"
+
+# Scenes whose robots share a compiled program: those of one number of pedestrians.
+GROUPS = (SUITES["parity"], ("narrow", "doorway", "corner"), ("crossflow",))
+SUITE_OF = {scene: suite for suite in ("parity", "hard") for scene in SUITES[suite]}
+
+
+class Method(NamedTuple):
+    """A row's robot. algo: its learner; codes, hears: of its training; voice: whether it speaks when it is played."""
+
+    algo: str
+    codes: int = 4
+    hears: bool = True
+    voice: bool = True
+
+    @property
+    def training(self):
+        """Name of its training, which robots may share that differ only when they are played."""
+        parts = [self.algo, f"{self.codes}-codes" if self.algo == "hsac" else "", "" if self.hears else "deaf"]
+        return "-".join(part for part in parts if part)
+
+
+METHODS = {
+    "HSAC": Method("hsac"),
+    "HSAC, 2 codes": Method("hsac", codes=2),
+    "HSAC without language": Method("hsac", codes=1, hears=False),
+    "HSAC muted": Method("hsac", voice=False),
+    "TD3": Method("td3"),
+    "PPO": Method("ppo"),
+    "A2C": Method("a2c"),
+}
+SCRIPTED = {
+    "straight line": (straight_line, None),
+    "ORCA": (orca_robot, None),
+    "planner": (planner, Tongue(jnp.bool_(True), jnp.bool_(True))),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train robots, one for each scene, play them, and write the table.
+
+    Writes TABLE.json, .md and .png and the trajectories of every method. What has been trained or played already is not
+    done again.
+
+    Args:
+        seeds: robots of each method in each scene, trained at once.
+        episodes: played with each of them.
+        converged: environment steps of the second block; the first has the paper's 128,000.
+        suite: parity, hard or both: what to train and play now; the table shows whatever is there.
+        seed: of the episodes, the same for all robots; no training and no tuning has seen them.
+        runs: folder of trainings and plays, which the tables share.
+        out: folder of the results.
+    """
+
+    seeds: int = 5
+    episodes: int = 2000
+    converged: int = 256_000
+    suite: str = "both"
+    seed: int = 7
+    runs: pathlib.Path = pathlib.Path("runs/tables")
+    out: pathlib.Path = scene_study.RESULTS
+
+    def __post_init__(self):
+        for name, least, most in (("seeds", 1, 100), ("episodes", 1, 1_000_000), ("seed", 0, 2**32 - 1)):
+            if not least <= getattr(self, name) <= most:
+                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
+        if self.converged <= PAPER_STEPS or self.converged % PAPER_STEPS:
+            raise UserError(f"--converged is {self.converged}: give a multiple of {PAPER_STEPS} above it")
+        if self.suite not in ("both", "parity", "hard"):
+            raise UserError(f"--suite {self.suite!r} is unknown: choose both, parity or hard")
+
+    @property
+    def budgets(self):
+        """Environment steps of each block."""
+        return {"paper": PAPER_STEPS, "converged": self.converged}
+
+    def asked(self, scene):
+        """Whether a scene is to be trained and played now."""
+        return self.suite in ("both", SUITE_OF[scene])
+
+
+def tuned_hyperparameters(algo):
+    """What tuning chose for an algorithm; UserError: it was not tuned."""
+    try:
+        return json.loads(TUNED.read_text())["algorithms"][algo]["best"]
+    except (OSError, ValueError, KeyError) as error:
+        raise UserError(f"{TUNED} says nothing of {algo} ({error!r}): run python experiments/tune.py") from None
+
+
+def configuration(options, method, scenes):
+    """The `RunConfig` of a method in scenes that share a program; its seed and scene are those of nobody."""
+    base = preset("quick", method.algo)
+    world = dataclasses.replace(base.world.of_scenes(scenes), hearing=method.hears)
+    agent = base.agent
+    if method.algo == "hsac":
+        agent = dataclasses.replace(agent, codes=method.codes, language="phrases" if method.hears else "codes")
+    hyper = base.hyper.replace(**tuned_hyperparameters(method.algo))
+    train = dataclasses.replace(base.train, total_steps=options.converged // base.train.episodes)
+    return resolve(dataclasses.replace(base, world=world, agent=agent, hyper=hyper, train=train))
+
+
+class Player:
+    """Plays one policy in any of some scenes, through one compiled program."""
+
+    def __init__(self, world, params, policy):
+        self._limit = math.ceil(float(params.max_steps))
+        self._world, self._params, self._policy = world, params, policy
+
+        def block(policy_params, scene, seed, first):
+            keys = episode_keys(seed, first + jnp.arange(BLOCK))
+            return play(world, params, policy, policy_params, keys, jnp.full(BLOCK, scene), self._limit)
+
+        self._block = jax.jit(block)
+
+    def __call__(self, policy_params, scene, seed, episodes):
+        """`EpisodeSummary` `[episodes]` of the scene with that index."""
+        blocks = [
+            jax.device_get(self._block(policy_params, np.int32(scene), np.uint32(seed), first))
+            for first in range(0, episodes, BLOCK)
+        ]
+        return EpisodeSummary(*(np.concatenate(leaves)[:episodes] for leaves in zip(*blocks, strict=True)))
+
+    def record(self, policy_params, scene, seed):
+        """The first `Episode`s that it plays there."""
+        keys = episode_keys(seed, jnp.arange(DRAWN))
+        return record(self._world, self._params, self._policy, policy_params, keys, jnp.full(DRAWN, scene), self._limit)
+
+
+class Study:
+    """The trainings and plays of one table, done as far as they are missing."""
+
+    def __init__(self, options, methods):
+        self.options = options
+        self.methods = {name: METHODS[name] for name in methods}
+        self.console = Console(stderr=True)
+        for folder in (options.runs, options.out):
+            scene_study.make_folder(folder)
+
+    def run(self, name, pairs):
+        """Train and play what is missing and write the table's files; returns the result.
+
+        pairs: (one, other) methods whose success is compared over the same episodes.
+        """
+        start, path = time.monotonic(), self.options.out / f"{name}.json"
+        result = {"table": name, "command": f"python experiments/{name}.py", "rows": [], "pairs": []}
+        result |= {"config": self._config()}
+        before = scene_study.stored(path, {"config": result["config"]}, "wall_seconds", 0.0)
+        rows, plays = [], {}
+        for group in GROUPS:
+            for method in self.methods:
+                for row, played in self._cells(method, group):
+                    rows.append(row)
+                    plays[row["scene"], method, row["budget"]] = played
+            rows += [self._scripted(robot, scene) for robot in SCRIPTED for scene in group if self._have(robot, scene)]
+        result["rows"] = rows
+        result["pairs"] = [
+            _pair(plays[scene, one, budget], plays[scene, other, budget], scene, budget, one, other)
+            for one, other in pairs
+            for scene in SUITE_OF
+            for budget in self.options.budgets
+            if (scene, one, budget) in plays and (scene, other, budget) in plays
+        ]
+        where = provenance()
+        result |= {"commit": where["git_commit"], "device": where["device"], "versions": where["versions"]}
+        result["wall_seconds"] = round(before + time.monotonic() - start, 1)
+        scene_study.write(path, result)
+        path.with_suffix(".md").write_text(report.markdown(result))
+        report.draw(result, path.with_suffix(".png"))
+        return result
+
+    def _config(self):
+        options = self.options
+        return {
+            "seeds": list(range(options.seeds)), "episodes": options.episodes, "episode_seed": options.seed,
+            "budgets": options.budgets, "embeddings": default_table().fingerprint,
+            "methods": {
+                name: _identity(configuration(options, method, GROUPS[0])) for name, method in self.methods.items()
+            },
+        }  # fmt: skip
+
+    def _cells(self, name, group):
+        """(row, plays `EpisodeSummary` `[seeds, episodes]`) of a method in each scene and budget of a group."""
+        options, method = self.options, self.methods[name]
+        config = configuration(options, method, group)
+        programs = None
+        for index, scene in enumerate(group):
+            for budget in options.budgets:
+                folder = options.runs / f"{method.training}-{scene}-{budget}"
+                played = folder / ("played.npz" if method.voice else "muted.npz")
+                if not played.exists():
+                    if not options.asked(scene):
+                        continue
+                    programs = programs or _Programs(config, options.seeds)
+                    if not (folder / "training.json").exists():
+                        self._train(programs, method, scene, index)
+                    self._play(programs, folder, method, index)
+                meta = _training(folder, _identity(config))
+                summary = EpisodeSummary(**np.load(played))
+                good = [seed for seed in range(options.seeds) if meta["broken"][seed] is None]
+                summary = EpisodeSummary(*(leaf[good] for leaf in summary))
+                yield (
+                    {
+                        "suite": SUITE_OF[scene], "scene": scene, "method": name, "budget": budget,
+                        "env_steps": meta["env_steps"], "seeds": good, "encoder": config.agent.encoder,
+                        "excluded": {str(i): step for i, step in enumerate(meta["broken"]) if step is not None},
+                        "episodes": options.episodes, **measures(summary), "train_seconds": meta["seconds"],
+                        "commit": meta["commit"],
+                    },
+                    summary,
+                )  # fmt: skip
+
+    def _train(self, programs, method, scene, index):
+        """Train all seeds of a method in a scene, and keep their policies at the end of each budget."""
+        options, population = self.options, programs.population
+        hyper = population.config.hyper
+        start, broken, seconds = time.monotonic(), (), 0.0
+        loop = population.start(range(options.seeds), hyper, index)
+        for budget, env_steps in options.budgets.items():
+            steps = env_steps // population.config.train.episodes
+
+            def show(done, metrics, name=f"{method.training} {scene}"):
+                rates = metrics["episodes_arrived"].sum(1) / np.maximum(metrics["episodes_ended"].sum(1), 1)
+                text = " ".join(f"{rate:.2f}" for rate in rates)
+                each = population.config.train.episodes
+                if done * each % 32_000 == 0:
+                    self.console.print(f"{name}: {done * each // 1000}k steps, success while learning {text}")
+
+            loop, trained = population.train(loop, hyper, steps, show, broken)
+            broken, seconds = trained.broken, time.monotonic() - start
+            folder = options.runs / f"{method.training}-{scene}-{budget}"
+            folder.mkdir(parents=True, exist_ok=True)
+            leaves = jax.device_get(jax.tree.leaves(trained.policies))
+            np.savez(folder / "policies.npz", **{f"{i:03d}": leaf for i, leaf in enumerate(leaves)})
+            scene_study.write(
+                folder / "training.json",
+                {
+                    "config": _identity(population.config), "scene": scene, "env_steps": trained.env_steps,
+                    "broken": broken, "seconds": round(seconds, 1), "commit": provenance()["git_commit"],
+                },
+            )  # fmt: skip
+
+    def _play(self, programs, folder, method, index):
+        """Play all seeds of a training."""
+        options = self.options
+        policies = programs.policies(folder)
+        plays = [
+            programs.player((member(policies, i), method.voice, programs.spoken), index, options.seed, options.episodes)
+            for i in range(options.seeds)
+        ]
+        whole = EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))
+        name = "played" if method.voice else "muted"
+        np.savez(folder / f"new-{name}.npz", **whole._asdict())
+        (folder / f"new-{name}.npz").replace(folder / f"{name}.npz")
+        self.console.print(
+            f"{folder.name}, {name}: success {' '.join(f'{rate:.4f}' for rate in whole.arrived.mean(1))}"
+        )
+
+    def _have(self, robot, scene):
+        return self.options.asked(scene) or (self.options.runs / f"{robot}-{scene}.npz").exists()
+
+    def _scripted(self, robot, scene):
+        """The row of a scripted robot in a scene."""
+        options, path = self.options, self.options.runs / f"{robot}-{scene}.npz"
+        if not path.exists():
+            policy, policy_params = SCRIPTED[robot]
+            world = PRESETS["quick"].world.of_scenes((scene,))
+            player = Player(world.world(), default_params((scene,)), policy)
+            summary = player(policy_params, 0, options.seed, options.seeds * options.episodes)
+            np.savez(path, **summary._asdict())
+            self.console.print(f"{robot} {scene}: success {summary.arrived.mean():.4f}")
+        summary = EpisodeSummary(*(leaf[None] for leaf in EpisodeSummary(**np.load(path))))
+        return {
+            "suite": SUITE_OF[scene], "scene": scene, "method": robot, "budget": "none", "env_steps": 0, "seeds": [],
+            "excluded": {}, "episodes": summary.arrived.shape[1], **measures(summary), "train_seconds": 0,
+        }  # fmt: skip
+
+    def trajectories(self, name):
+        """Draw what each method drives, with its first good seed, in the scenes of each group: paths of the figures."""
+        from jaxnav.render import figures
+
+        paths = []
+        for group in GROUPS:
+            for label, method in self.methods.items():
+                config, episodes = configuration(self.options, method, group), []
+                programs = None
+                for index, scene in enumerate(group):
+                    folder = self.options.runs / f"{method.training}-{scene}-converged"
+                    if (folder / "training.json").exists():
+                        programs = programs or _Programs(config, self.options.seeds)
+                        broken = _training(folder, _identity(config))["broken"]
+                        if None in broken:
+                            actor = member(programs.policies(folder), broken.index(None))
+                            policy_params = actor, method.voice, programs.spoken
+                            episodes += programs.player.record(policy_params, index, self.options.seed)
+                if episodes:
+                    file = label.lower().replace(",", "").replace(" ", "-")
+                    path = self.options.out / "trajectories" / f"{name}-{file}-{group[0]}.png"
+                    path.parent.mkdir(exist_ok=True)
+                    figures.trajectories(programs.population.world, episodes, path, config.world.params, DRAWN)
+                    paths.append(path)
+        return paths
+
+
+class _Programs:
+    """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
+
+    def __init__(self, config, seeds):
+        self.agent = make_agent(config)
+        self.population = Population(config, self.agent, seeds)
+        self.player = Player(self.population.world, config.world.params, make_policy(self.agent))
+        self.spoken = self.agent.spoken("test")
+        self._like = None
+
+    def policies(self, folder):
+        """The policies `[seeds]` that a training left behind."""
+        if self._like is None:
+            population = self.population
+            start = jax.eval_shape(lambda: population.start(range(population.members), population.config.hyper))
+            self._like = jax.tree.structure(self.agent.policy(start.learner))
+        stored = np.load(folder / "policies.npz")
+        return jax.tree.unflatten(self._like, [stored[name] for name in sorted(stored.files)])
+
+
+def measures(summary):
+    """The seven metrics of plays `[seeds, episodes]`, as `report.measure` gives them."""
+    arrived, episodes = summary.arrived, summary.arrived.shape[1]
+
+    def where_arrived(values):
+        return [float(v[a].mean()) if a.any() else None for v, a in zip(values, arrived, strict=True)]
+
+    rates = {
+        "success": arrived, "collision": summary.collided, "human_collision": summary.hit_pedestrian,
+        "timeout": summary.truncated,
+    }  # fmt: skip
+    comfort = summary.comfortable_steps.sum(axis=1) / summary.steps.sum(axis=1)
+    return {
+        **{name: report.measure(rate.mean(axis=1).tolist(), episodes) for name, rate in rates.items()},
+        "comfort": report.measure(comfort.tolist()),
+        "steps": report.measure(where_arrived(summary.steps)),
+        "min_distance": report.measure(where_arrived(summary.min_distance)),
+    }
+
+
+def _pair(one, other, scene, budget, name, other_name):
+    """The paired difference of success between two methods' plays of the same episodes."""
+    count = min(len(one.arrived), len(other.arrived))  # a seed that broke has no partner
+    difference = one.arrived[:count].astype(float) - other.arrived[:count]
+    return {
+        "suite": SUITE_OF[scene], "scene": scene, "budget": budget, "one": name, "other": other_name,
+        "field": "success", "difference": float(difference.mean()),
+        "ci95_half": float(1.96 * difference.std() / math.sqrt(difference.size)), "episodes": difference.size,
+    }  # fmt: skip
+
+
+def _identity(config):
+    """What of a configuration decides on what is trained: all but names, folders and scenes."""
+    whole = to_json(config)
+    for name in ("preset", "scene", "seed", "out", "resume"):
+        whole.pop(name)
+    for name in ("scenes", "pedestrians", "params"):
+        whole["world"].pop(name)
+    return whole
+
+
+def _training(folder, config):
+    """What is known of a training; UserError: it had another configuration."""
+    path = folder / "training.json"
+    try:
+        meta = json.loads(path.read_text())
+        changed = differences(meta["config"], json.loads(json.dumps(config)))
+    except (OSError, ValueError, KeyError) as error:
+        raise UserError(f"{path} can't be read ({error!r}): move {folder} away to train anew") from None
+    if changed:
+        raise UserError(
+            f"{path} is of another configuration ({', '.join(changed)} differ): give another --runs, or move it away"
+        )
+    return meta
+
+
+def main(name, methods, pairs, arguments=None):
+    """Entry point of a table's program; exits with 2 after an error that the user can mend."""
+    try:
+        options = tyro.cli(Options, args=arguments, prog=f"python experiments/{name}.py")
+        study = Study(options, methods)
+        print(report.markdown(study.run(name, pairs)), end="")
+        for path in study.trajectories(name):
+            print(path)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

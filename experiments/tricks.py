@@ -1,0 +1,178 @@
+"""What each trick of the learner is worth: time to 0.95 in the parity suite, and success in three hard scenes.
+
+python experiments/tricks.py --help
+"""
+
+import dataclasses
+import pathlib
+import time
+
+import jax
+import numpy as np
+import scene_study
+import tune
+from rich.console import Console
+
+from jaxnav.errors import UserError
+from jaxnav.training.config import make_agent, preset, resolve, to_json
+from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.population import Population, member
+from jaxnav.training.provenance import provenance
+from jaxnav.training.run import VALIDATION_SEED
+from jaxnav.world import SUITES
+
+PROGRAM = "tricks"
+THRESHOLD = 0.95
+EVERY = 25  # steps of all episodes between two evaluations in the parity suite
+# Changes of one thing each: (of HSACConfig, of Hyperparameters).
+TRICKS = {
+    "as committed": ({}, {}),
+    "one-step targets": ({"n_step": 1}, {}),
+    "mean of the twins": ({"twins": "mean"}, {}),
+    "a histogram of 51 bins (HL-Gauss)": ({"critic": "histogram"}, {}),
+    "critics without LayerNorm": ({"critic_norm": "none"}, {}),
+    "batch statistics, no targets (CrossQ)": ({"critic_norm": "batch"}, {}),
+    "actor every second update": ({"actor_every": 2}, {}),
+    "no entropy in the backup": ({}, {"backup_entropy": 0.0}),
+    "the last actor, not the average": ({}, {"average": 1.0}),
+    "learning rates that decay to 0": ({}, {"final_lr": 0.0}),
+    "batches of twice the size": ({"batch": 1024}, {}),
+    "a twist for each code": ({"heads": "per-code"}, {}),
+    "means through tanh (the authors)": ({"mean_tanh": True}, {}),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train hybrid SAC with one thing changed at a time, and write what it is worth.
+
+    Writes tricks.json and .md. A trick that the file holds already is not tried again.
+
+    Args:
+        tricks: those to try; all of them if none is named.
+        seeds: robots of each, trained at once.
+        parity_steps: of all episodes, in the parity suite.
+        hard_steps: likewise in the hard scenes.
+        out: folder of the results.
+    """
+
+    tricks: tuple[str, ...] = ()
+    seeds: int = 3
+    parity_steps: int = 300
+    hard_steps: int = 500
+    out: pathlib.Path = scene_study.RESULTS
+
+    def __post_init__(self):
+        for name, least, most in (("seeds", 1, 100), ("parity_steps", EVERY, 10**5), ("hard_steps", EVERY, 10**5)):
+            value = getattr(self, name)
+            if not least <= value <= most or (name != "seeds" and value % EVERY):
+                remedy = "a whole number" if name == "seeds" else f"a multiple of {EVERY}"
+                raise UserError(f"--{name.replace('_', '-')} is {value}: give {remedy} from {least} to {most}")
+        for name in self.tricks:
+            if name not in TRICKS:
+                raise UserError(f"--tricks names {name!r}: choose from {', '.join(TRICKS)}")
+
+
+def train(name, scenes, steps, every, seeds):
+    """(config, one dict an evaluation): training with a trick, judged on the validation seed.
+
+    A dict holds steps, updates, success `[seeds][scenes]`, and seconds: those of training alone, compiled, a seed.
+    """
+    agent_changes, hyper_changes = TRICKS[name]
+    base = preset("quick")
+    config = resolve(
+        dataclasses.replace(
+            base, world=base.world.of_scenes(scenes), agent=dataclasses.replace(base.agent, **agent_changes),
+            hyper=base.hyper.replace(**hyper_changes), train=dataclasses.replace(base.train, total_steps=steps),
+        )
+    )  # fmt: skip
+    agent = make_agent(config)
+    population = Population(config, agent, seeds)
+    evaluator = Evaluator(population.world, agent, config.world.params)
+    # Compiled before the clock starts, on members that are thrown away.
+    jax.block_until_ready(population.train(population.start(range(seeds), config.hyper), config.hyper, 1)[0])
+    loop, seconds, lines, broken = population.start(range(seeds), config.hyper), 0.0, [], ()
+    for done in range(every, steps + 1, every):
+        start = time.monotonic()
+        loop, trained = population.train(loop, config.hyper, done, before=broken)
+        seconds, broken = seconds + time.monotonic() - start, trained.broken
+        success = [list(evaluator.success(member(trained.policies, i), VALIDATION_SEED).values()) for i in range(seeds)]
+        lines.append(
+            {"steps": done, "updates": config.agent.updates(done), "seconds": round(seconds / seeds, 2),
+             "success": success, "broken": broken}
+        )  # fmt: skip
+    return config, lines
+
+
+def study(options):
+    """Try what is missing, and write both files."""
+    scene_study.make_folder(options.out)
+    path, console = options.out / f"{PROGRAM}.json", Console(stderr=True, soft_wrap=True)
+    identity = {
+        "seeds": options.seeds, "parity_steps": options.parity_steps, "hard_steps": options.hard_steps,
+        "hard_scenes": list(tune.SCENES),
+    }  # fmt: skip
+    result = {"command": f"python experiments/{PROGRAM}.py", **identity, "tricks": {}}
+    result["tricks"] = scene_study.stored(path, identity, "tricks", {})
+    for name in options.tricks or TRICKS:
+        if name in result["tricks"]:
+            continue
+        config, parity = train(name, SUITES["parity"], options.parity_steps, EVERY, options.seeds)
+        _, hard = train(name, tune.SCENES, options.hard_steps, options.hard_steps, options.seeds)
+        result["tricks"][name] = {
+            "parity": parity, "hard": hard, "agent": to_json(config.agent), "hyper": to_json(config.hyper),
+            **provenance(),
+        }  # fmt: skip
+        scene_study.write(path, result)
+        console.print(_row(name, result["tricks"][name]))
+    path.with_suffix(".md").write_text(table(result))
+    return result
+
+
+def arrival(lines, seed):
+    """The first of two consecutive evaluations of a seed with `THRESHOLD` in every scene, or None."""
+    passed = [min(line["success"][seed]) >= THRESHOLD for line in lines]
+    return next((line for line, now, then in zip(lines, passed, passed[1:], strict=False) if now and then), None)
+
+
+def _row(name, found):
+    parity, hard = found["parity"], found["hard"][-1]
+    seeds = len(hard["success"])
+    arrivals = [arrival(parity, seed) for seed in range(seeds)]
+
+    def median(field, digits):
+        values = [np.inf if line is None else line[field] for line in arrivals]
+        middle = float(np.median(values))
+        return f"{middle:.{digits}f}" if np.isfinite(middle) else "not reached"
+
+    last, final = np.array(parity[-1]["success"]), np.array(hard["success"])
+    cells = [
+        median("updates", 0), median("seconds", 1), f"{parity[-1]['seconds'] / parity[-1]['updates'] * 1000:.1f}",
+        f"{last.mean():.3f} ({last.min():.3f})", f"{final.mean():.3f} ({' '.join(f'{v:.3f}' for v in final.mean(1))})",
+    ]  # fmt: skip
+    return f"| {name} | {' | '.join(cells)} |"
+
+
+def table(result):
+    """The result as Markdown."""
+    some = next(iter(result["tricks"].values()))
+    lines = [
+        f"Hybrid SAC with one thing changed at a time; {result['seeds']} seeds trained at once, validation seed and "
+        f"phrases, 500 episodes a scene and evaluation. Parity suite: {result['parity_steps']} steps of 256 episodes; "
+        f"updates and seconds of one seed (compiled, training alone) until {THRESHOLD} in every scene twice in a row, "
+        f"medians. Hard scenes ({', '.join(result['hard_scenes'])}): {result['hard_steps']} steps. "
+        f"Device: {some['device']}; the commit of each row is in the JSON file.",
+        "", f"| | updates to {THRESHOLD} | seconds to {THRESHOLD} | ms an update | parity suite at the end, mean "
+        "(worst) | hard scenes, mean (each seed) |", "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    lines += [_row(name, result["tricks"][name]) for name in TRICKS if name in result["tricks"]]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments=None):
+    """Entry point."""
+    scene_study.main(Options, study, table, PROGRAM, arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""The same tuning budget for every algorithm: a random search over its floats, all trials trained at once.
+
+python experiments/tune.py --help
+"""
+
+import dataclasses
+import pathlib
+import time
+
+import numpy as np
+import scene_study
+from rich.console import Console
+
+from jaxnav.errors import UserError
+from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve, to_json
+from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.population import Population, member
+from jaxnav.training.provenance import provenance
+from jaxnav.training.run import VALIDATION_SEED
+
+PROGRAM = "tuning"
+SCENES = ("narrow", "doorway", "corner")  # of the hard suite, since the parity suite saturates; one pedestrian each
+STEPS = 128_000  # environment steps of a trial, the paper's
+
+_RATES = {"actor_lr": (3e-4, 3e-3), "critic_lr": (3e-4, 3e-3)}
+_ON_POLICY = _RATES | {"gae_lambda": (0.8, 0.98), "entropy_weight": (1e-4, 1e-2), "initial_std": (0.2, 0.8)}
+# (lowest, highest) of what is drawn: discounts by their distance to 1; all on a logarithmic scale but gae_lambda.
+SPACES = {
+    "hsac": _RATES | {"discount": (0.95, 0.99), "tau": (0.005, 0.03), "initial_temperature": (0.02, 0.2)},
+    "td3": _RATES | {"discount": (0.95, 0.99), "tau": (0.005, 0.03), "exploration_noise": (0.05, 0.5)},
+    "ppo": _ON_POLICY | {"discount": (0.95, 0.99)},
+    "a2c": _ON_POLICY | {"discount": (0.95, 0.99)},
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Draw hyperparameters, train a robot with each for 128,000 steps in three hard scenes, and keep the best.
+
+    Writes tuning.json and .md. The first trial of each algorithm are its defaults. Trials are judged by their mean
+    success over the scenes, on the validation seed and with validation phrases: no table is played with either. An
+    algorithm that the file holds already is not tuned again.
+
+    Args:
+        trials: of each algorithm.
+        seed: of what is drawn.
+        out: folder of the results.
+    """
+
+    trials: int = 8
+    seed: int = 0
+    out: pathlib.Path = scene_study.RESULTS
+
+    def __post_init__(self):
+        for name, least, most in (("trials", 1, 100), ("seed", 0, 2**32 - 1)):
+            if not least <= getattr(self, name) <= most:
+                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
+
+
+def drawn(space, trials, rng):
+    """{name: `[trials - 1]`} of random hyperparameters."""
+    values = {}
+    for name, (low, high) in space.items():
+        u = rng.uniform(size=trials - 1)
+        if name == "gae_lambda":
+            values[name] = low + u * (high - low)
+        elif name == "discount":
+            values[name] = 1.0 - (1.0 - low) ** (1 - u) * (1.0 - high) ** u
+        else:
+            values[name] = low ** (1 - u) * high**u
+    return values
+
+
+def tune(algo, options, console):
+    """What is written of an algorithm."""
+    base = preset("quick", algo)
+    train = dataclasses.replace(base.train, total_steps=STEPS // base.train.episodes)
+    config = resolve(dataclasses.replace(base, world=base.world.of_scenes(SCENES), train=train))
+    rng, start = np.random.default_rng(options.seed), time.monotonic()
+    values = {
+        name: np.float32([base.hyper[name], *found]).round(6)
+        for name, found in drawn(SPACES[algo], options.trials, rng).items()
+    }
+    hyper, agent = config.hyper.replace(**values), make_agent(config)
+    population = Population(config, agent, options.trials)
+    loop = population.start([options.seed] * options.trials, hyper)
+
+    def show(steps, metrics):
+        rates = metrics["episodes_arrived"].sum(1) / np.maximum(metrics["episodes_ended"].sum(1), 1)
+        if steps * config.train.episodes % 32_000 == 0:
+            console.print(f"{algo}, {steps * config.train.episodes // 1000}k steps: {rates.round(2)}")
+
+    _, trained = population.train(loop, hyper, config.train.total_steps, show)
+    evaluator, trials = Evaluator(population.world, agent, config.world.params), []
+    for i in range(options.trials):
+        success = evaluator.success(member(trained.policies, i), VALIDATION_SEED)
+        score = 0.0 if trained.broken[i] is not None else float(np.mean(list(success.values())))
+        trials.append(
+            {"hyper": {n: float(v[i]) for n, v in values.items()}, "success": success, "score": score,
+             "broken": trained.broken[i]}
+        )  # fmt: skip
+    best = max(trials, key=lambda trial: trial["score"])
+    console.print(f"{algo}: default {trials[0]['score']:.3f}, best {best['score']:.3f} with {best['hyper']}")
+    return {
+        "best": best["hyper"], "score": best["score"], "trials": trials, "agent": to_json(config.agent),
+        "train": to_json(config.train), "seconds": round(time.monotonic() - start, 1), **provenance(),
+    }  # fmt: skip
+
+
+def table(result):
+    """The result as Markdown."""
+    lines = [
+        f"Random search over the floats of each algorithm: {result['trials']} trials of {STEPS:,} environment steps, "
+        f"the first with its defaults, all trained at once in {', '.join(SCENES)}; the score is the mean success over "
+        "these scenes, 500 episodes each of the validation seed. Sizes were not tuned.",
+        "", "| algorithm | default | best | worst | chosen | device |", "|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for algo, found in result["algorithms"].items():
+        scores = [trial["score"] for trial in found["trials"]]
+        chosen = ", ".join(f"{name} {value:.4g}" for name, value in found["best"].items())
+        lines.append(
+            f"| {algo} | {scores[0]:.3f} | {max(scores):.3f} | {min(scores):.3f} | {chosen} | {found['device']} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def study(options):
+    """Tune what has not been tuned yet, and write both files."""
+    scene_study.make_folder(options.out)
+    path, console = options.out / f"{PROGRAM}.json", Console(stderr=True, soft_wrap=True)
+    identity = {"trials": options.trials, "seed": options.seed, "scenes": list(SCENES), "steps": STEPS}
+    result = {"command": "python experiments/tune.py", **identity, "algorithms": {}}
+    result["algorithms"] = scene_study.stored(path, identity, "algorithms", {})
+    for algo in ALGORITHMS:
+        if algo not in result["algorithms"]:
+            result["algorithms"][algo] = tune(algo, options, console)
+            scene_study.write(path, result)
+    path.with_suffix(".md").write_text(table(result))
+    return result
+
+
+def main(arguments=None):
+    """Entry point."""
+    scene_study.main(Options, study, table, "tune", arguments)
+
+
+if __name__ == "__main__":
+    main()

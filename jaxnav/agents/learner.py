@@ -1,0 +1,114 @@
+"""What all learners share: sizes, what an update learns from, and the step of an optimiser.
+
+A learner is a bundle of pure functions of explicit state, with a static ``config`` and a ``horizon``: how many steps
+of all episodes are played between two calls of its update.
+
+init(key, observation, hyper) -> state
+act(key, state, observation, hyper) -> `Action`, to learn from
+policy(state) -> parameters of what is evaluated
+best_action(parameters, observation, voice, spoken) -> `Action`
+update(key, state, batch, hyper, lr_scale, step) -> (state, metrics)
+"""
+
+import dataclasses
+
+import chex
+import jax
+import optax
+
+from ..world import Snapshot
+from .networks import ENCODERS
+
+
+@dataclasses.dataclass(frozen=True)
+class LearnerConfig:
+    """Sizes of the networks: static under ``jit``.
+
+    Attributes:
+        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
+        actor_widths: hidden layers of the actor.
+        critic_widths: hidden layers of each critic.
+    """
+
+    encoder: str = "lidar"
+    actor_widths: tuple[int, ...] = (128, 128)
+    critic_widths: tuple[int, ...] = (128, 128)
+
+    def __post_init__(self):
+        if self.encoder not in ENCODERS:
+            raise ValueError(f"agent.encoder {self.encoder!r} is unknown: choose from {', '.join(ENCODERS)}")
+        for name in ("actor_widths", "critic_widths"):
+            widths = getattr(self, name)
+            if not widths or any(width < 1 for width in widths):
+                raise ValueError(f"agent.{name} is {widths!r}: give at least one width, each at least 1")
+
+    def _check_whole(self, *names):
+        for name in names:
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"agent.{name} is {value!r}: give a whole number of at least 1")
+
+
+@dataclasses.dataclass(frozen=True)
+class ReplayConfig(LearnerConfig):
+    """Sizes of a learner that samples from replay.
+
+    Attributes:
+        batch: transitions an update.
+        updates_per_step: updates after each step of all episodes.
+        n_step: rewards that are summed before the critics are asked.
+    """
+
+    batch: int = 512
+    updates_per_step: int = 4
+    n_step: int = 3
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check_whole("batch", "updates_per_step", "n_step")
+
+    def updates(self, steps):
+        """How many updates ``steps`` steps of all episodes make."""
+        return steps * self.updates_per_step
+
+
+@chex.dataclass(frozen=True)
+class Transition:
+    """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; code;
+    reward; terminated: True ends the return, a time-out does not; ended: either of the two."""
+
+    snapshot: Snapshot
+    next_snapshot: Snapshot
+    twist: jax.Array
+    code: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+    ended: jax.Array
+
+
+@chex.dataclass(frozen=True)
+class Batch:
+    """What an update learns from, `[batch, ...]`: transitions with their snapshots rendered.
+
+    Learners that use replay read: observation; next_observation, ``steps`` later; twist `[2]`, of its first step; code;
+    reward, the discounted sum over these steps; terminated. Those that do not have `[horizon, episodes, ...]` instead,
+    steps of 1, and also read ended.
+    """
+
+    observation: chex.ArrayTree
+    next_observation: chex.ArrayTree
+    twist: jax.Array
+    code: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+    ended: jax.Array
+    steps: jax.Array
+
+
+# All parameters as one vector: less to trace and compile than a dozen operations for each of many leaves.
+ADAM = optax.flatten(optax.scale_by_adam())
+
+
+def descend(params, change, lr):
+    """Parameters after a step of that learning rate, a traced number, against ``change``."""
+    return jax.tree.map(lambda leaf, slope: leaf - lr * slope, params, change)
