@@ -3,12 +3,31 @@
 python experiments/table2.py --help
 """
 
+import dataclasses
+
 import tables
+
+from jaxnav.errors import UserError
+from jaxnav.training.config import ALGORITHMS
+
+
+@dataclasses.dataclass(frozen=True)
+class Options(tables.Options):
+    __doc__ = f"{tables.Options.__doc__}    algo: the learner whose codes are counted; only hsac has any.\n    "
+
+    algo: str = "hsac"
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.algo not in ALGORITHMS:
+            raise UserError(f"--algo {self.algo!r} is unknown: choose hsac")
+        if self.algo != "hsac":
+            raise UserError(f"--algo is {self.algo}: it emits no codes, and Table II compares codes; choose hsac")
 
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table2", ("HSAC", "HSAC, 2 codes"), [("HSAC", "HSAC, 2 codes")], arguments)
+    tables.main("table2", ("HSAC", "HSAC, 2 codes"), [("HSAC", "HSAC, 2 codes")], arguments, Options)
 
 
 if __name__ == "__main__":

@@ -207,12 +207,37 @@ class Study:
     def _config(self):
         options = self.options
         return {
-            "seeds": list(range(options.seeds)), "episodes": options.episodes, "episode_seed": options.seed,
-            "budgets": options.budgets, "embeddings": default_table().fingerprint,
+            "episodes": options.episodes, "episode_seed": options.seed, "budgets": options.budgets,
+            "embeddings": default_table().fingerprint,
             "methods": {
-                name: _identity(configuration(options, method, GROUPS[0])) for name, method in self.methods.items()
+                name: self._identity(configuration(options, method, GROUPS[0])) for name, method in self.methods.items()
             },
         }  # fmt: skip
+
+    def _identity(self, config):
+        """What decides on what is trained: all of a configuration but names, folders and scenes."""
+        whole = to_json(config)
+        for name in ("preset", "scene", "seed", "out", "resume"):
+            whole.pop(name)
+        for name in ("scenes", "pedestrians", "params"):
+            whole["world"].pop(name)
+        return whole | {"seeds": list(range(self.options.seeds))}
+
+    def _save(self, path, summary):
+        """Keep plays, whole or not at all."""
+        new = path.with_name(f"new-{path.name}")
+        np.savez(new, episode_seed=self.options.seed, **summary._asdict())
+        new.replace(path)
+
+    def _load(self, path, shape):
+        """Plays of that shape; UserError: others lie there."""
+        arrays = dict(np.load(path))
+        seed = int(arrays.pop("episode_seed"))
+        if (seed, arrays["arrived"].shape) != (self.options.seed, shape):
+            raise UserError(
+                f"{path} holds plays of other --episodes, --seeds or --seed: give the same, or another --runs"
+            )
+        return EpisodeSummary(**arrays)
 
     def _cells(self, name, group):
         """(row, plays `EpisodeSummary` `[seeds, episodes]`) of a method in each scene and budget of a group."""
@@ -230,8 +255,8 @@ class Study:
                     if not (folder / "training.json").exists():
                         self._train(programs, method, scene, index)
                     self._play(programs, folder, method, index)
-                meta = _training(folder, _identity(config))
-                summary = EpisodeSummary(**np.load(played))
+                meta = _training(folder, self._identity(config))
+                summary = self._load(played, (options.seeds, options.episodes))
                 good = [seed for seed in range(options.seeds) if meta["broken"][seed] is None]
                 summary = EpisodeSummary(*(leaf[good] for leaf in summary))
                 yield (
@@ -270,7 +295,7 @@ class Study:
             scene_study.write(
                 folder / "training.json",
                 {
-                    "config": _identity(population.config), "scene": scene, "env_steps": trained.env_steps,
+                    "config": self._identity(population.config), "scene": scene, "env_steps": trained.env_steps,
                     "broken": broken, "seconds": round(seconds, 1), "commit": provenance()["git_commit"],
                 },
             )  # fmt: skip
@@ -285,8 +310,7 @@ class Study:
         ]
         whole = EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))
         name = "played" if method.voice else "muted"
-        np.savez(folder / f"new-{name}.npz", **whole._asdict())
-        (folder / f"new-{name}.npz").replace(folder / f"{name}.npz")
+        self._save(folder / f"{name}.npz", whole)
         self.console.print(
             f"{folder.name}, {name}: success {' '.join(f'{rate:.4f}' for rate in whole.arrived.mean(1))}"
         )
@@ -302,9 +326,10 @@ class Study:
             world = PRESETS["quick"].world.of_scenes((scene,))
             player = Player(world.world(), default_params((scene,)), policy)
             summary = player(policy_params, 0, options.seed, options.seeds * options.episodes)
-            np.savez(path, **summary._asdict())
+            self._save(path, summary)
             self.console.print(f"{robot} {scene}: success {summary.arrived.mean():.4f}")
-        summary = EpisodeSummary(*(leaf[None] for leaf in EpisodeSummary(**np.load(path))))
+        summary = self._load(path, (options.seeds * options.episodes,))
+        summary = EpisodeSummary(*(leaf[None] for leaf in summary))
         return {
             "suite": SUITE_OF[scene], "scene": scene, "method": robot, "budget": "none", "env_steps": 0, "seeds": [],
             "excluded": {}, "episodes": summary.arrived.shape[1], **measures(summary), "train_seconds": 0,
@@ -323,7 +348,7 @@ class Study:
                     folder = self.options.runs / f"{method.training}-{scene}-converged"
                     if (folder / "training.json").exists():
                         programs = programs or _Programs(config, self.options.seeds)
-                        broken = _training(folder, _identity(config))["broken"]
+                        broken = _training(folder, self._identity(config))["broken"]
                         if None in broken:
                             actor = member(programs.policies(folder), broken.index(None))
                             policy_params = actor, method.voice, programs.spoken
@@ -388,16 +413,6 @@ def _pair(one, other, scene, budget, name, other_name):
     }  # fmt: skip
 
 
-def _identity(config):
-    """What of a configuration decides on what is trained: all but names, folders and scenes."""
-    whole = to_json(config)
-    for name in ("preset", "scene", "seed", "out", "resume"):
-        whole.pop(name)
-    for name in ("scenes", "pedestrians", "params"):
-        whole["world"].pop(name)
-    return whole
-
-
 def _training(folder, config):
     """What is known of a training; UserError: it had another configuration."""
     path = folder / "training.json"
@@ -413,10 +428,10 @@ def _training(folder, config):
     return meta
 
 
-def main(name, methods, pairs, arguments=None):
+def main(name, methods, pairs, arguments=None, options_class=Options):
     """Entry point of a table's program; exits with 2 after an error that the user can mend."""
     try:
-        options = tyro.cli(Options, args=arguments, prog=f"python experiments/{name}.py")
+        options = tyro.cli(options_class, args=arguments, prog=f"python experiments/{name}.py")
         study = Study(options, methods)
         print(report.markdown(study.run(name, pairs)), end="")
         for path in study.trajectories(name):

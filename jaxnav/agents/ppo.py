@@ -229,7 +229,7 @@ class PPO:
 
 def _shortened(gradient, longest):
     """A gradient of that norm at most: a traced number, which `optax.clip_by_global_norm` doesn't take."""
-    scale = jnp.minimum(1.0, longest / (optax.global_norm(gradient) + 1e-6))
+    scale = jnp.minimum(1.0, longest / (optax.tree.norm(gradient) + 1e-6))
     return jax.tree.map(lambda leaf: scale * leaf, gradient)
 
 

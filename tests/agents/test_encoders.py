@@ -1,0 +1,93 @@
+"""The paper's network on grid maps: its numbers are torch's, what is frozen stays; any learner takes any encoder."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import torch
+from flax import linen as nn
+
+from jaxnav import Params, World, WorldConfig
+from jaxnav.agents.networks import ENCODERS, PARTS, GridEncoder, message_codes
+from jaxnav.training.config import ALGORITHMS, TrainConfig, make_agent, preset, resolve
+from jaxnav.training.loop import Trainer
+
+SMALL = {"channels": (3, 5, 6), "width": 16, "dialogue_width": 4}
+
+
+@pytest.fixture(scope="module")
+def observations():
+    """Observations `[2]` of the grid encoders."""
+    world = World(WorldConfig(observation=PARTS["grid"], beams=24, pedestrians=2))
+
+    def observe(key):
+        return world.observe(world.reset(key, Params()), Params())
+
+    return jax.jit(jax.vmap(observe))(jax.random.split(jax.random.key(3), 2))
+
+
+def images(params, observations):
+    """Img_PreNet in torch: convolution, ReLU, 2 x 2 maximum, three times, and a layer."""
+    maps = np.concatenate([np.asarray(observations.sensor_map)[:, None], np.asarray(observations.pedestrian_map)], 1)
+    x = torch.from_numpy(maps)
+    for i in range(3):
+        kernel, bias = (torch.from_numpy(np.array(params[f"Conv_{i}"][name])) for name in ("kernel", "bias"))
+        x = torch.nn.functional.conv2d(x, kernel.permute(3, 2, 0, 1), bias, padding=1)
+        x = torch.nn.functional.max_pool2d(torch.relu(x), 2)
+    x = x.permute(0, 2, 3, 1).reshape(len(maps), -1)  # as flax orders them
+    kernel, bias = (torch.from_numpy(np.array(params["Dense_0"][name])) for name in ("kernel", "bias"))
+    return torch.relu(x @ kernel + bias)
+
+
+def test_img_pre_net_computes_what_torch_computes(observations):
+    encoder = GridEncoder(**SMALL)
+    heard = message_codes(observations.dialogue)
+    params = encoder.init(jax.random.key(0), observations, heard)
+    _, inside = encoder.apply(params, observations, heard, capture_intermediates=True)
+    image = nn.relu(inside["intermediates"]["Dense_0"]["__call__"][0])
+    np.testing.assert_allclose(image, images(params["params"], observations).numpy(), atol=2e-6)
+    assert np.ptp(np.asarray(observations.sensor_map), axis=(1, 2)).min() > 0
+
+
+@pytest.mark.parametrize("frozen", [True, False])
+def test_frozen_convolutions_have_no_gradient_and_the_rest_has(observations, frozen):
+    encoder = GridEncoder(frozen=frozen, **SMALL)
+    heard = message_codes(observations.dialogue)
+    params = encoder.init(jax.random.key(0), observations, heard)
+    weights = jax.random.normal(jax.random.key(1), (SMALL["width"],))
+    gradient = jax.grad(lambda p: jnp.sum(encoder.apply(p, observations, heard) * weights))(params)["params"]
+    for i in range(3):
+        assert bool((gradient[f"Conv_{i}"]["kernel"] == 0).all()) == frozen
+    assert bool((gradient["Dense_0"]["kernel"] == 0).all()) == frozen
+    assert not (gradient["MLP_1"]["Dense_0"]["kernel"] == 0).all()
+
+
+def test_a_leading_axis_more_or_less_is_the_same(observations):
+    encoder = GridEncoder(**SMALL)
+    heard = message_codes(observations.dialogue)
+    params = encoder.init(jax.random.key(0), observations, heard)
+    many = encoder.apply(params, observations, heard)
+    one = encoder.apply(params, jax.tree.map(lambda leaf: leaf[0], observations), heard[0])
+    deep = encoder.apply(params, jax.tree.map(lambda leaf: leaf[None], observations), heard[None])
+    assert one.shape == (SMALL["width"],)
+    np.testing.assert_allclose(many[0], one, atol=1e-6)
+    np.testing.assert_allclose(many, deep[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_any_learner_takes_any_encoder(algo, encoder):
+    """Traced, not run: shapes and types of a chunk's result are those of its beginning, so that it goes on."""
+    base = preset("quick" if encoder == "lidar" else encoder, algo)
+    train = TrainConfig(episodes=8, replay_rows=10, steps_per_chunk=25, total_steps=25)
+    config = resolve(dataclasses.replace(base, train=train))
+    assert config.agent.encoder == encoder
+    trainer = Trainer(config.world.world(), make_agent(config), config.world.params, config.train)
+    hyper = jax.tree.map(jnp.float32, config.hyper)
+    start = jax.eval_shape(lambda: trainer.init(jax.random.key(0), hyper))
+    end, metrics = jax.eval_shape(lambda: trainer.train_chunk(trainer.init(jax.random.key(0), hyper), hyper))
+    assert jax.tree.structure(start) == jax.tree.structure(end)
+    assert [(a.shape, a.dtype) for a in jax.tree.leaves(start)] == [(a.shape, a.dtype) for a in jax.tree.leaves(end)]
+    assert {"critic_loss", "actor_loss", "q", "reward", "finite"} <= metrics.keys()

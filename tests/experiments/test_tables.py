@@ -1,0 +1,202 @@
+"""The tables from end to end, with trainings and plays made up: what is done again, what is not, what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+import report
+import scene_study
+import table1
+import table2
+import table3
+import tables
+import tune
+
+from jaxnav.training.population import Trained
+from jaxnav.training.rollout import EpisodeSummary
+
+SCENES = [scene for group in tables.GROUPS for scene in group]
+
+
+class FakePrograms:
+    """Trains and plays nothing: success depends on algorithm, scene and voice; seed 1 of TD3 breaks."""
+
+    done: list
+
+    def __init__(self, config, seeds):
+        self.config, self.seeds, self.spoken = config, seeds, None
+        self.population = self
+        FakePrograms.done.append(("compile", config.algo, config.agent.encoder))
+
+    def start(self, seeds, hyper, scene):
+        FakePrograms.done.append(("train", self.config.algo, self.config.world.scenes[scene]))
+        return scene
+
+    def train(self, loop, hyper, steps, report, before):
+        breaks = [None, 6400 if self.config.algo == "td3" else None, *[None] * (self.seeds - 2)]
+        policies = np.arange(self.seeds, dtype=np.float32)
+        return loop, Trained(env_steps=steps * self.config.train.episodes, policies=policies, broken=tuple(breaks))
+
+    def policies(self, folder):
+        return np.load(folder / "policies.npz")["000"]
+
+    def player(self, policy_params, scene, seed, episodes):
+        actor, voice, _ = policy_params
+        FakePrograms.done.append(("play", self.config.algo, self.config.world.scenes[scene], float(actor)))
+        arrived = np.arange(episodes) % 10 < (8 if voice else 7) + (self.config.algo == "hsac")
+        zero, no = np.zeros(episodes, int), np.zeros(episodes, bool)
+        return EpisodeSummary(
+            arrived=arrived, collided=~arrived, hit_pedestrian=no, truncated=no, steps=zero + 20,
+            min_distance=zero + 0.5, comfortable_steps=zero + 15, request=zero, replied=no, agreed=no,
+        )  # fmt: skip
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path):
+    """A function (program, *arguments) that runs it in a folder of its own."""
+    FakePrograms.done = []
+    monkeypatch.setattr(tables, "_Programs", FakePrograms)
+    monkeypatch.setattr(tables.Study, "trajectories", lambda self, name: [])
+    monkeypatch.setattr(report, "draw", lambda result, path: path.write_bytes(b"png"))
+    monkeypatch.setattr(tables, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
+    monkeypatch.setattr(tables, "SCRIPTED", {})
+    tuned = {"algorithms": {algo: {"best": {"discount": 0.96}} for algo in ("hsac", "td3", "ppo", "a2c")}}
+    (tmp_path / "tuning.json").write_text(json.dumps(tuned))
+    monkeypatch.setattr(tables, "TUNED", tmp_path / "tuning.json")
+
+    def run(program, *arguments):
+        program.main(["--out", str(tmp_path / "out"), "--runs", str(tmp_path / "runs"), *arguments])
+        name = program.__name__
+        return json.loads((tmp_path / "out" / f"{name}.json").read_text())
+
+    return run
+
+
+def test_every_method_scene_and_budget_has_a_row(run):
+    result = run(table1, "--seeds", "3", "--episodes", "40")
+    found = {(row["scene"], row["method"], row["budget"]) for row in result["rows"]}
+    assert found == {(s, m, b) for s in SCENES for m in table1.METHODS for b in ("paper", "converged")}
+    assert {row["env_steps"] for row in result["rows"] if row["budget"] == "paper"} == {128_000}
+    trained = [what for what in FakePrograms.done if what[0] == "train"]
+    assert len(trained) == len(set(trained)) == len(SCENES) * len(table1.METHODS)  # both budgets are one training
+    assert len([what for what in FakePrograms.done if what[0] == "compile"]) == len(tables.GROUPS) * 4
+    assert result["commit"] == "abc" and result["config"]["methods"]["HSAC"]["hyper"]["discount"] == 0.96
+    hsac = next(row for row in result["rows"] if row["method"] == "HSAC")
+    assert hsac["success"]["per_seed"] == [0.9] * 3 and hsac["comfort"]["mean"] == 0.75
+
+
+def test_a_seed_that_broke_is_left_out_openly(run):
+    result = run(table1, "--seeds", "3", "--episodes", "40", "--suite", "parity")
+    td3 = [row for row in result["rows"] if row["method"] == "TD3"]
+    assert all(row["seeds"] == [0, 2] and row["excluded"] == {"1": 6400} for row in td3)
+    assert all(len(row["success"]["per_seed"]) == 2 for row in td3)
+    pair = next(pair for pair in result["pairs"] if pair["other"] == "TD3")
+    assert pair["episodes"] == 80 and pair["difference"] == pytest.approx(0.1)
+
+
+def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp_path):
+    run(table1, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    first = list(FakePrograms.done)
+    whole = run(table1, "--seeds", "2", "--episodes", "20")
+    later = FakePrograms.done[len(first) :]
+    assert {what[2] for what in later if what[0] == "train"} == set(tables.GROUPS[1] + tables.GROUPS[2])
+    assert len(whole["rows"]) == len(SCENES) * 4 * 2
+    FakePrograms.done = []
+    run(table2, "--seeds", "2", "--episodes", "20")
+    assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # of 2 codes alone
+    FakePrograms.done = []
+    result = run(table3, "--seeds", "2", "--episodes", "20")
+    assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # without language
+    muted = next(pair for pair in result["pairs"] if pair["other"] == "HSAC muted")
+    assert muted["difference"] == pytest.approx(0.1) and muted["episodes"] == 40
+    FakePrograms.done = []
+    again = run(table3, "--seeds", "2", "--episodes", "20")
+    assert FakePrograms.done == [] and again["rows"] == result["rows"]
+
+
+def test_an_interrupted_training_is_done_again_and_nothing_else(run, tmp_path):
+    run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    (tmp_path / "runs" / "hsac-2-codes-hallway-converged" / "played.npz").unlink()
+    FakePrograms.done = []
+    run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert [what[0] for what in FakePrograms.done] == ["compile", "play", "play"]
+
+
+def refused(run, capsys, *arguments):
+    with pytest.raises(SystemExit) as stop:
+        run(*arguments)
+    assert stop.value.code == 2
+    error = capsys.readouterr().err
+    assert "Traceback" not in error
+    return error.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--seeds", "0"), ["--seeds is 0", "from 1"]),
+        (("--converged", "100"), ["--converged is 100", "multiple of 128000"]),
+        (("--suite", "easy"), ["--suite 'easy'", "parity"]),
+    ],
+)
+def test_bad_options_name_field_value_and_remedy(run, capsys, arguments, words, tmp_path):
+    line = refused(run, capsys, table1, *arguments)
+    assert all(word in line for word in words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_of_another_configuration_are_not_mixed(run, capsys, tmp_path):
+    run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    before = (tmp_path / "out" / "table2.json").read_bytes()
+    line = refused(run, capsys, table2, "--seeds", "2", "--episodes", "30", "--suite", "parity")
+    assert "table2.json is of another configuration (config.episodes differ)" in line and "move it away" in line
+    assert (tmp_path / "out" / "table2.json").read_bytes() == before
+    (tmp_path / "out" / "table2.json").write_text("{}")
+    assert "is no result of this program" in refused(run, capsys, table2, "--seeds", "2", "--episodes", "20")
+
+
+def test_trainings_of_another_configuration_are_not_used(run, capsys, tmp_path):
+    run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    tuned = json.loads(tables.TUNED.read_text())
+    tuned["algorithms"]["hsac"]["best"]["discount"] = 0.5
+    tables.TUNED.write_text(json.dumps(tuned))
+    (tmp_path / "out" / "table2.json").unlink()
+    line = refused(run, capsys, table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert "training.json is of another configuration (hyper.discount differ)" in line and "--runs" in line
+
+
+def test_an_algorithm_without_codes_is_refused_for_table_2(run, capsys, monkeypatch):
+    line = refused(run, capsys, table2, "--algo", "td3")
+    assert "td3" in line and "codes" in line and "hsac" in line
+
+
+def test_untuned_algorithms_are_named(run, capsys):
+    tables.TUNED.unlink()
+    assert "python experiments/tune.py" in refused(run, capsys, table1)
+
+
+def test_draws_of_tuning_stay_in_their_ranges():
+    for algo, space in tune.SPACES.items():
+        values = tune.drawn(space, 200, np.random.default_rng(0))
+        assert values.keys() == space.keys(), algo
+        for name, (low, high) in space.items():
+            assert low <= values[name].min() and values[name].max() <= high
+            assert values[name].std() > 0.2 * (high - low) / 2
+
+
+def test_tuning_is_not_done_twice(tmp_path, monkeypatch):
+    tuned = []
+
+    def fake(algo, options, console):
+        tuned.append(algo)
+        trial = {"hyper": {"discount": 0.9}, "success": {"narrow": 0.5}, "score": 0.5, "broken": None}
+        return {"best": trial["hyper"], "score": 0.5, "trials": [trial] * options.trials, "device": "none"}
+
+    monkeypatch.setattr(tune, "tune", fake)
+    tune.main(["--out", str(tmp_path), "--trials", "2"])
+    assert tuned == ["hsac", "td3", "ppo", "a2c"]
+    tune.main(["--out", str(tmp_path), "--trials", "2"])
+    assert len(tuned) == 4
+    with pytest.raises(SystemExit):
+        tune.main(["--out", str(tmp_path), "--trials", "3"])
+    assert tmp_path != scene_study.RESULTS
