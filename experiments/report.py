@@ -21,7 +21,7 @@ NAMES = {
 }  # fmt: skip
 RATES = ("success", "collision", "human_collision", "timeout")
 
-# PAPER.md, section 10: {table: {scene: {method: {field: number}}}}.
+# The paper's Tables I to III: {table: {scene: {method: {field: number}}}}.
 _PAPER = {
     "table1": (("success", "collision", "steps", "train_hours", "human_collision", "min_distance", "comfort"), {
         "square": {"A2C": (.69, .28, 27.38, .9, .28, .25, .81), "TD3": (.85, .14, 21.21, 2.6, .14, .28, .80),

@@ -30,7 +30,7 @@ from jaxnav.training.provenance import provenance
 from jaxnav.training.rollout import EpisodeSummary, play, record
 from jaxnav.world import SUITES, default_params
 
-PAPER_STEPS = 128_000
+PAPER_STEPS, PAPER_EPISODES = 128_000, 500
 BLOCK = 500  # episodes played at once
 DRAWN = 6  # episodes of each scene in the figure of a method's trajectories
 TUNED = scene_study.RESULTS / "tuning.json"
@@ -55,8 +55,9 @@ class Method(NamedTuple):
         return "-".join(part for part in parts if part)
 
 
+MAIN = "HSAC"
 METHODS = {
-    "HSAC": Method("hsac"),
+    MAIN: Method("hsac"),
     "HSAC, 2 codes": Method("hsac", codes=2),
     "HSAC without language": Method("hsac", codes=1, hears=False),
     "HSAC muted": Method("hsac", voice=False),
@@ -80,7 +81,7 @@ class Options:
 
     Args:
         seeds: robots of each method in each scene, trained at once.
-        episodes: played with each of them.
+        episodes: played with each of them after the second block; after the first it is the paper's 500.
         converged: environment steps of the second block; the first has the paper's 128,000.
         suite: parity, hard or both: what to train and play now; the table shows whatever is there.
         seed: of the episodes, the same for all robots; no training and no tuning has seen them.
@@ -107,8 +108,13 @@ class Options:
 
     @property
     def budgets(self):
-        """Environment steps of each block."""
-        return {"paper": PAPER_STEPS, "converged": self.converged}
+        """Environment steps of each block, and the episodes that are played after it."""
+        return {"paper": (PAPER_STEPS, PAPER_EPISODES), "converged": (self.converged, self.episodes)}
+
+    def budgets_of(self, method, scene):
+        """The blocks of a method in a scene: parity saturates, and tables II and III stop there at the first."""
+        whole = SUITE_OF[scene] == "hard" or method.training == METHODS[MAIN].training or method.algo != "hsac"
+        return {name: budget for name, budget in self.budgets.items() if whole or name == "paper"}
 
     def asked(self, scene):
         """Whether a scene is to be trained and played now."""
@@ -207,7 +213,7 @@ class Study:
     def _config(self):
         options = self.options
         return {
-            "episodes": options.episodes, "episode_seed": options.seed, "budgets": options.budgets,
+            "episode_seed": options.seed, "budgets": options.budgets,
             "embeddings": default_table().fingerprint,
             "methods": {
                 name: self._identity(configuration(options, method, GROUPS[0])) for name, method in self.methods.items()
@@ -245,7 +251,7 @@ class Study:
         config = configuration(options, method, group)
         programs = None
         for index, scene in enumerate(group):
-            for budget in options.budgets:
+            for budget, (_, episodes) in options.budgets_of(method, scene).items():
                 folder = options.runs / f"{method.training}-{scene}-{budget}"
                 played = folder / ("played.npz" if method.voice else "muted.npz")
                 if not played.exists():
@@ -254,9 +260,9 @@ class Study:
                     programs = programs or _Programs(config, options.seeds)
                     if not (folder / "training.json").exists():
                         self._train(programs, method, scene, index)
-                    self._play(programs, folder, method, index)
+                    self._play(programs, folder, method, index, episodes)
                 meta = _training(folder, self._identity(config))
-                summary = self._load(played, (options.seeds, options.episodes))
+                summary = self._load(played, (options.seeds, episodes))
                 good = [seed for seed in range(options.seeds) if meta["broken"][seed] is None]
                 summary = EpisodeSummary(*(leaf[good] for leaf in summary))
                 yield (
@@ -264,7 +270,7 @@ class Study:
                         "suite": SUITE_OF[scene], "scene": scene, "method": name, "budget": budget,
                         "env_steps": meta["env_steps"], "seeds": good, "encoder": config.agent.encoder,
                         "excluded": {str(i): step for i, step in enumerate(meta["broken"]) if step is not None},
-                        "episodes": options.episodes, **measures(summary), "train_seconds": meta["seconds"],
+                        "episodes": episodes, **measures(summary), "train_seconds": meta["seconds"],
                         "commit": meta["commit"],
                     },
                     summary,
@@ -276,7 +282,7 @@ class Study:
         hyper = population.config.hyper
         start, broken, seconds = time.monotonic(), (), 0.0
         loop = population.start(range(options.seeds), hyper, index)
-        for budget, env_steps in options.budgets.items():
+        for budget, (env_steps, _) in options.budgets_of(method, scene).items():
             steps = env_steps // population.config.train.episodes
 
             def show(done, metrics, name=f"{method.training} {scene}"):
@@ -300,12 +306,12 @@ class Study:
                 },
             )  # fmt: skip
 
-    def _play(self, programs, folder, method, index):
+    def _play(self, programs, folder, method, index, episodes):
         """Play all seeds of a training."""
         options = self.options
         policies = programs.policies(folder)
         plays = [
-            programs.player((member(policies, i), method.voice, programs.spoken), index, options.seed, options.episodes)
+            programs.player((member(policies, i), method.voice, programs.spoken), index, options.seed, episodes)
             for i in range(options.seeds)
         ]
         whole = EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))
@@ -345,7 +351,8 @@ class Study:
                 config, episodes = configuration(self.options, method, group), []
                 programs = None
                 for index, scene in enumerate(group):
-                    folder = self.options.runs / f"{method.training}-{scene}-converged"
+                    budget = list(self.options.budgets_of(method, scene))[-1]
+                    folder = self.options.runs / f"{method.training}-{scene}-{budget}"
                     if (folder / "training.json").exists():
                         programs = programs or _Programs(config, self.options.seeds)
                         broken = _training(folder, self._identity(config))["broken"]

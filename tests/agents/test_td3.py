@@ -40,7 +40,7 @@ def test_a_bandit_is_learnt_up_to_its_best_twist(blank_observation):
             twist = jax.random.uniform(key, (rows, 2), minval=-1.0)
             batch = Batch(
                 observation=observation, next_observation=observation, twist=twist, code=jnp.zeros(rows, jnp.int32),
-                reward=-3.0 * jnp.sum((twist - best) ** 2, axis=-1), terminated=jnp.ones(rows, bool),
+                reward=-jnp.sum((twist - best) ** 2, axis=-1), terminated=jnp.ones(rows, bool),
                 ended=jnp.ones(rows, bool), steps=jnp.ones(rows, jnp.int32),
             )  # fmt: skip
             return AGENT.update(key, learner, batch, hyper, 1.0 - index / 2000, index)[0], None
@@ -49,7 +49,7 @@ def test_a_bandit_is_learnt_up_to_its_best_twist(blank_observation):
         learner, _ = jax.lax.scan(step, start, (jax.random.split(key, 2000), jnp.arange(2000)))
         return AGENT.best_action(AGENT.policy(learner), blank_observation()).twist
 
-    np.testing.assert_allclose(learnt(jax.random.key(0)), best, atol=0.07)
+    np.testing.assert_allclose(learnt(jax.random.key(0)), best, atol=0.12)
 
 
 def test_the_actor_and_all_targets_move_at_every_third_update_only(fresh, batch):

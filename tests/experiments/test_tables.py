@@ -90,7 +90,7 @@ def test_a_seed_that_broke_is_left_out_openly(run):
     td3 = [row for row in result["rows"] if row["method"] == "TD3"]
     assert all(row["seeds"] == [0, 2] and row["excluded"] == {"1": 6400} for row in td3)
     assert all(len(row["success"]["per_seed"]) == 2 for row in td3)
-    pair = next(pair for pair in result["pairs"] if pair["other"] == "TD3")
+    pair = next(p for p in result["pairs"] if p["other"] == "TD3" and p["budget"] == "converged")
     assert pair["episodes"] == 80 and pair["difference"] == pytest.approx(0.1)
 
 
@@ -101,13 +101,14 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
     later = FakePrograms.done[len(first) :]
     assert {what[2] for what in later if what[0] == "train"} == set(tables.GROUPS[1] + tables.GROUPS[2])
     assert len(whole["rows"]) == len(SCENES) * 4 * 2
+    assert {(row["budget"], row["episodes"]) for row in whole["rows"]} == {("paper", 500), ("converged", 20)}
     FakePrograms.done = []
     run(table2, "--seeds", "2", "--episodes", "20")
     assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # of 2 codes alone
     FakePrograms.done = []
     result = run(table3, "--seeds", "2", "--episodes", "20")
     assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # without language
-    muted = next(pair for pair in result["pairs"] if pair["other"] == "HSAC muted")
+    muted = next(p for p in result["pairs"] if p["other"] == "HSAC muted" and p["budget"] == "converged")
     assert muted["difference"] == pytest.approx(0.1) and muted["episodes"] == 40
     FakePrograms.done = []
     again = run(table3, "--seeds", "2", "--episodes", "20")
@@ -116,7 +117,7 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
 
 def test_an_interrupted_training_is_done_again_and_nothing_else(run, tmp_path):
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
-    (tmp_path / "runs" / "hsac-2-codes-hallway-converged" / "played.npz").unlink()
+    (tmp_path / "runs" / "hsac-2-codes-hallway-paper" / "played.npz").unlink()
     FakePrograms.done = []
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert [what[0] for what in FakePrograms.done] == ["compile", "play", "play"]
@@ -149,7 +150,9 @@ def test_results_of_another_configuration_are_not_mixed(run, capsys, tmp_path):
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     before = (tmp_path / "out" / "table2.json").read_bytes()
     line = refused(run, capsys, table2, "--seeds", "2", "--episodes", "30", "--suite", "parity")
-    assert "table2.json is of another configuration (config.episodes differ)" in line and "move it away" in line
+    assert (
+        "table2.json is of another configuration (config.budgets.converged differ)" in line and "move it away" in line
+    )
     assert (tmp_path / "out" / "table2.json").read_bytes() == before
     (tmp_path / "out" / "table2.json").write_text("{}")
     assert "is no result of this program" in refused(run, capsys, table2, "--seeds", "2", "--episodes", "20")
