@@ -1,7 +1,7 @@
-"""What a member of a population costs: a training chunk vmapped over members against one learner alone.
+"""What seeds trained at once cost: a training chunk vmapped over members against one learner alone.
 
-Members differ in seed, learning rates and discount. The cost per member is the time of the vmapped chunk, divided by
-the number of members and by the time of the same chunk of a single learner; the two take turns, best of several.
+Members differ in seed, learning rates and discount, and run in one process and one compilation. The two take turns,
+best of several chunks; a whole training adds the compilation of each, once, to 40 chunks (the preset quick).
 """
 
 import argparse
@@ -11,66 +11,71 @@ import time
 import jax
 import jax.numpy as jnp
 
-from jaxnav import Params, World
-from jaxnav.agents.hsac import HSAC, Hyperparameters
-from jaxnav.training.config import TrainConfig
-from jaxnav.training.loop import Trainer, member_axes
+from jaxnav.training.config import make_agent, preset, resolve
+from jaxnav.training.population import Population
+
+CHUNKS = 40
 
 
-def population(members):
+def hyperparameters(base, members):
     """`Hyperparameters` `[members]`: learning rates from 3e-4 to 3e-3, discounts from 0.95 to 0.99."""
-    share = jnp.linspace(0.0, 1.0, members)
-    base = jax.tree.map(lambda leaf: jnp.full(members, leaf, jnp.float32), Hyperparameters())
+    share = jnp.linspace(0.0, 1.0, members) if members > 1 else jnp.array([0.5])
     rate = 3e-4 * 10.0**share
     return base.replace(actor_lr=rate, critic_lr=rate, discount=0.95 + 0.04 * share)
 
 
-def timed(chunk, loop, hyper):
-    """(loop after a chunk, seconds it took)."""
-    start = time.perf_counter()
-    loop, _ = jax.block_until_ready(chunk(loop, hyper))
-    return loop, time.perf_counter() - start
+class Training:
+    """A population in training, a chunk at a time."""
+
+    def __init__(self, config, members):
+        self.config, self.members = config, members
+        self.population = Population(config, make_agent(config), members)
+        self.hyper = hyperparameters(config.hyper, members)
+        start = time.perf_counter()
+        self.loop = self.population.start(range(members), self.hyper)
+        self.chunk()
+        self.first_s = time.perf_counter() - start
+
+    def chunk(self):
+        """Seconds of a chunk."""
+        start, then = time.perf_counter(), int(self.loop.counter)
+        self.loop, _ = self.population.train(self.loop, self.hyper, then + self.config.train.steps_per_chunk)
+        return time.perf_counter() - start
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--members", type=int, nargs="+", default=[4], help="sizes of population to measure")
+    parser.add_argument("--members", type=int, nargs="+", default=[5], help="sizes of population to measure")
+    parser.add_argument("--algo", default="hsac", help="hsac, td3, ppo or a2c")
     parser.add_argument("--repetitions", type=int, default=5, help="chunks of each, the best counts")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     arguments = parser.parse_args()
-    trainer = Trainer(World(), HSAC(), Params(), TrainConfig(steps_per_chunk=5, total_steps=1000))
-    one = jax.jit(trainer.train_chunk, donate_argnums=0)
-    single_loop = jax.jit(trainer.init)(jax.random.key(0), Hyperparameters())
-    single_loop, _ = timed(one, single_loop, Hyperparameters())
+    config = resolve(preset("quick", arguments.algo))
+    one = Training(config, 1)
     for members in arguments.members:
-        axes, hyper = member_axes(), population(members)
-        keys = jax.random.split(jax.random.key(0), members)
-        loop = jax.jit(jax.vmap(trainer.init, out_axes=axes))(keys, hyper)
-        many = jax.jit(jax.vmap(trainer.train_chunk, in_axes=(axes, 0), out_axes=(axes, 0)), donate_argnums=0)
-        start = time.perf_counter()
-        loop, _ = timed(many, loop, hyper)
-        compile_s = time.perf_counter() - start
-        alone, together = [], []
-        for _ in range(arguments.repetitions):
-            single_loop, seconds = timed(one, single_loop, Hyperparameters())
-            alone.append(seconds)
-            loop, seconds = timed(many, loop, hyper)
-            together.append(seconds)
+        many = Training(config, members)
+        times = [(one.chunk(), many.chunk()) for _ in range(arguments.repetitions)]
+        alone, together = (min(column) for column in zip(*times, strict=True))
+        whole = [training.first_s + (CHUNKS - 1) * s for training, s in ((one, alone), (many, together))]
         result = {
             "name": "population",
+            "algo": arguments.algo,
             "members": members,
-            "seconds_alone": round(min(alone), 3),
-            "seconds_together": round(min(together), 3),
-            "cost_per_member": round(min(together) / members / min(alone), 3),
-            "compile_s": round(compile_s, 1),
+            "seconds_alone": round(alone, 3),
+            "seconds_together": round(together, 3),
+            "ratio": round(together / alone, 2),
+            "cost_per_member": round(together / members / alone, 3),
+            "whole_training_ratio": round(whole[1] / whole[0], 2),
+            "first_chunk_s": [round(one.first_s, 1), round(many.first_s, 1)],
             "device": jax.devices()[0].device_kind,
         }
         if arguments.json:
             print(json.dumps(result), flush=True)
         else:
             print(
-                f"{members} members: {result['seconds_together']} s a chunk, one alone {result['seconds_alone']} s: "
-                f"a member costs {result['cost_per_member']} of a single learner (first call {result['compile_s']} s)",
+                f"{members} members of {arguments.algo}: {together:.3f} s a chunk, one alone {alone:.3f} s: "
+                f"{result['ratio']} times one; a whole training, compilation included, "
+                f"{result['whole_training_ratio']} times one",
                 flush=True,
             )
 

@@ -1,7 +1,7 @@
 """How long until the robot succeeds: time to 0.95 in every scene, measured from outside a fresh process.
 
 Starts `jaxnav train --preset quick` as a user would, watches metrics.jsonl grow, and stops the process once two
-consecutive evaluations (500 episodes a scene, one every 800 updates) reach the threshold in every scene. Seconds count
+consecutive evaluations (500 episodes a scene, one every 400 updates) reach the threshold in every scene. Seconds count
 from the start of the process to the first of the two, imports and compilation included.
 """
 

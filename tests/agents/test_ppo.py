@@ -38,8 +38,10 @@ def learner(request, blank_observation):
 
 
 @pytest.fixture(scope="module")
-def batch(random_batch):
-    return random_batch(np.random.default_rng(0), (HORIZON, EPISODES))
+def batch(learner, random_batch):
+    """Random steps, of twists that the learner has tried."""
+    batch = random_batch(np.random.default_rng(0), (HORIZON, EPISODES))
+    return batch.replace(twist=learner.act(jax.random.key(1), learner.start, batch.observation, HYPER).twist)
 
 
 def same(a, b):
@@ -54,7 +56,11 @@ GOES_ON, TIMES_OUT, ARRIVES = range(3)
 def advantages(scale, fates, rewards, values, next_values):
     nothing = dict.fromkeys(("observation", "next_observation", "twist", "code"), jnp.zeros(0))
     batch = Batch(
-        reward=rewards / scale, terminated=fates == ARRIVES, ended=fates != GOES_ON, steps=jnp.ones(fates.shape), **nothing
+        reward=rewards / scale,
+        terminated=fates == ARRIVES,
+        ended=fates != GOES_ON,
+        steps=jnp.ones(fates.shape),
+        **nothing,
     )
     return gae(batch, values, next_values, HYPER.replace(reward_scale=scale))
 
@@ -87,7 +93,9 @@ def test_advantages_are_those_of_plain_python(fates, seed):
 
 
 @pytest.mark.parametrize(("fate", "matters"), [(GOES_ON, True), (TIMES_OUT, True), (ARRIVES, False)])
-def test_a_time_out_learns_from_where_it_ended_and_an_arrival_does_not(learner, batch, random_observation, fate, matters):
+def test_a_time_out_learns_from_where_it_ended_and_an_arrival_does_not(
+    learner, batch, random_observation, fate, matters
+):
     """Another next observation at one step of one episode changes what is learnt, or nothing at all."""
     step, episode = 1, 2
     terminated, ended = batch.terminated.copy(), batch.ended.copy()
@@ -102,6 +110,7 @@ def test_a_time_out_learns_from_where_it_ended_and_an_arrival_does_not(learner, 
         for each in (one, one.replace(next_observation=other))
     )
     assert same(first, second) != matters
+    assert np.isfinite(jax.flatten_util.ravel_pytree(first)[0]).all()
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +141,7 @@ def test_advantages_are_normalised_first(slope_of_clipped):
     np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-6)
 
 
-def test_the_gradient_of_a2c_is_the_plain_policy_gradient(batch, blank_observation, random_observation):
+def test_the_gradient_of_a2c_is_the_plain_policy_gradient(blank_observation, random_observation):
     """-mean of advantage times slope of the log density, here jax.scipy's."""
     agent = AGENTS["a2c"]
     state = jax.jit(agent.init)(jax.random.key(0), blank_observation(), HYPER)
@@ -167,7 +176,20 @@ def test_they_start_as_wide_as_they_are_told_and_are_silent(learner, random_obse
     for action in (best, tried):
         assert action.code.shape == (4000,) and action.code.dtype == jnp.int32 and not action.code.any()
     assert learner.agent.spoken("train") is None
-    assert learner.agent.policy(learner.start) is learner.start.actor
+
+
+def test_what_is_evaluated_is_the_average_of_the_actor(learner, batch):
+    """After so many steps of the actor as an update makes, which are all alike if each goes nowhere."""
+    after, _ = learner.update(jax.random.key(0), learner.start, batch, HYPER.replace(average=1.0))
+    jax.tree.map(np.testing.assert_array_equal, learner.agent.policy(after), after.actor)
+    apart = after.replace(averaged=learner.start.actor)
+    still = HYPER.replace(actor_lr=0.0, average=0.125)
+    after, _ = learner.update(jax.random.key(0), apart, batch, still)
+    share = 1.0 - 0.875 ** learner.agent.config.updates(HORIZON)
+    jax.tree.map(
+        lambda new, old, actor: np.testing.assert_allclose(new, old + share * (actor - old), atol=1e-6),
+        learner.agent.policy(after), apart.averaged, apart.actor,
+    )  # fmt: skip
 
 
 def test_a_bandit_is_learnt(learner, blank_observation):
@@ -193,9 +215,8 @@ def test_a_bandit_is_learnt(learner, blank_observation):
         return state, rewards
 
     state, rewards = learnt(learner.start)
-    twist = learner.best_action(state.actor, blank_observation()).twist
-    print(twist, rewards[:20].mean(), rewards[-20:].mean())
-    assert float(reward(twist)) > -0.02
+    learnt_twist = learner.best_action(learner.agent.policy(state), blank_observation()).twist
+    assert float(reward(learnt_twist)) > -0.02
     assert rewards[-20:].mean() > 0.3 * rewards[:20].mean()
 
 
