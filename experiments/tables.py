@@ -81,7 +81,7 @@ class Options:
 
     Args:
         seeds: robots of each method in each scene, trained at once.
-        episodes: played with each of them after the second block; after the first it is the paper's 500.
+        episodes: played with each of them; 500, as in the paper, with baselines after the first block.
         converged: environment steps of the second block; the first has the paper's 128,000.
         suite: parity, hard or both: what to train and play now; the table shows whatever is there.
         seed: of the episodes, the same for all robots; no training and no tuning has seen them.
@@ -108,13 +108,15 @@ class Options:
 
     @property
     def budgets(self):
-        """Environment steps of each block, and the episodes that are played after it."""
-        return {"paper": (PAPER_STEPS, PAPER_EPISODES), "converged": (self.converged, self.episodes)}
+        """Environment steps of each block."""
+        return {"paper": PAPER_STEPS, "converged": self.converged}
 
-    def budgets_of(self, method, scene):
-        """The blocks of a method in a scene: parity saturates, and tables II and III stop there at the first."""
-        whole = SUITE_OF[scene] == "hard" or method.training == METHODS[MAIN].training or method.algo != "hsac"
-        return {name: budget for name, budget in self.budgets.items() if whole or name == "paper"}
+    def blocks_of(self, method):
+        """{block: (environment steps, episodes played)} of a method: ablations are compared at the paper's steps."""
+        ablation = method.algo == "hsac" and method.training != METHODS[MAIN].training
+        episodes = self.episodes if method.algo == "hsac" else min(self.episodes, PAPER_EPISODES)
+        blocks = {"paper": (PAPER_STEPS, episodes), "converged": (self.converged, self.episodes)}
+        return {"paper": blocks["paper"]} if ablation else blocks
 
     def asked(self, scene):
         """Whether a scene is to be trained and played now."""
@@ -213,7 +215,7 @@ class Study:
     def _config(self):
         options = self.options
         return {
-            "episode_seed": options.seed, "budgets": options.budgets,
+            "episodes": options.episodes, "episode_seed": options.seed, "budgets": options.budgets,
             "embeddings": default_table().fingerprint,
             "methods": {
                 name: self._identity(configuration(options, method, GROUPS[0])) for name, method in self.methods.items()
@@ -251,7 +253,7 @@ class Study:
         config = configuration(options, method, group)
         programs = None
         for index, scene in enumerate(group):
-            for budget, (_, episodes) in options.budgets_of(method, scene).items():
+            for budget, (_, episodes) in options.blocks_of(method).items():
                 folder = options.runs / f"{method.training}-{scene}-{budget}"
                 played = folder / ("played.npz" if method.voice else "muted.npz")
                 if not played.exists():
@@ -282,7 +284,7 @@ class Study:
         hyper = population.config.hyper
         start, broken, seconds = time.monotonic(), (), 0.0
         loop = population.start(range(options.seeds), hyper, index)
-        for budget, (env_steps, _) in options.budgets_of(method, scene).items():
+        for budget, (env_steps, _) in options.blocks_of(method).items():
             steps = env_steps // population.config.train.episodes
 
             def show(done, metrics, name=f"{method.training} {scene}"):
@@ -351,7 +353,7 @@ class Study:
                 config, episodes = configuration(self.options, method, group), []
                 programs = None
                 for index, scene in enumerate(group):
-                    budget = list(self.options.budgets_of(method, scene))[-1]
+                    budget = list(self.options.blocks_of(method))[-1]
                     folder = self.options.runs / f"{method.training}-{scene}-{budget}"
                     if (folder / "training.json").exists():
                         programs = programs or _Programs(config, self.options.seeds)

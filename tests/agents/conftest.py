@@ -8,7 +8,7 @@ from jaxnav.agents.learner import Batch
 from jaxnav.world import Observation
 from jaxnav.world.types import ObservedDialogue
 
-BEAMS, PEOPLE = 4, 2
+BEAMS, PEOPLE = 14, 2  # sectors of the scan are of one beam and of two
 
 
 def blank_observation(may_request=True, shape=()):
@@ -29,7 +29,7 @@ def blank_observation(may_request=True, shape=()):
 
 
 def random_observation(rng, shape=()):
-    """An `Observation` `[*shape, ...]` of everything at once: people, some of them seen, who say and have heard things."""
+    """An `Observation` `[*shape, ...]` of everything at once: people, some of them seen, who speak and are asked."""
     people = (*shape, PEOPLE)
     below = {
         "is_open": 2, "pedestrian_first": 2, "message": 4, "message_age": 15, "request": 4, "request_age": 15,

@@ -65,10 +65,10 @@ def advantages(scale, fates, rewards, values, next_values):
     return gae(batch, values, next_values, HYPER.replace(reward_scale=scale))
 
 
-def plain_advantage(fates, rewards, values, next_values, t):
-    """Of one episode's step ``t``: the sum of discounted errors until it ends, or the record does."""
+def plain_advantage(fates, rewards, values, next_values, first):
+    """Of one episode's step ``first``: the sum of discounted errors until it ends, or the record does."""
     total, share = 0.0, 1.0
-    for t in range(t, len(fates)):
+    for t in range(first, len(fates)):
         after = 0.0 if fates[t] == ARRIVES else 0.9 * next_values[t]
         total += share * (rewards[t] + after - values[t])
         if fates[t] != GOES_ON:
@@ -110,7 +110,7 @@ def test_a_time_out_learns_from_where_it_ended_and_an_arrival_does_not(
         for each in (one, one.replace(next_observation=other))
     )
     assert same(first, second) != matters
-    assert np.isfinite(jax.flatten_util.ravel_pytree(first)[0]).all()
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(first))
 
 
 @pytest.fixture(scope="module")
@@ -211,8 +211,7 @@ def test_a_bandit_is_learnt(learner, blank_observation):
             )  # fmt: skip
             return learner.agent.update(key, state, batch, HYPER)[0], jnp.mean(batch.reward)
 
-        state, rewards = jax.lax.scan(step, state, jax.random.split(jax.random.key(1), 1000))
-        return state, rewards
+        return jax.lax.scan(step, state, jax.random.split(jax.random.key(1), 1000))
 
     state, rewards = learnt(learner.start)
     learnt_twist = learner.best_action(learner.agent.policy(state), blank_observation()).twist

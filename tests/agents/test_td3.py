@@ -1,4 +1,4 @@
-"""TD3: it finds a bandit's best twist, moves its actor now and then, and blurs what the target critics judge a little."""
+"""TD3: it finds a bandit's best twist, moves its actor now and then, and blurs what target critics judge a little."""
 
 import jax
 import jax.numpy as jnp
