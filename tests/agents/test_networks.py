@@ -1,13 +1,12 @@
-"""Lang_PreNet: what holds for one side holds for the other, and silence is silence."""
+"""Lang_PreNet: what holds for one side holds for the other, and silence is silence. The actor's parts agree."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav import Params, World, WorldConfig
 from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
-from jaxnav.agents.networks import LangPreNet, message_codes
+from jaxnav.agents.networks import LOG_STD_RANGE, Actor, LangPreNet, message_codes
 from jaxnav.language.table import default_table
 
 TABLE = default_table()
@@ -19,11 +18,8 @@ def agent():
 
 
 @pytest.fixture(scope="module")
-def actor(agent):
-    world = World(WorldConfig(beams=4))
-    shapes = jax.eval_shape(lambda key: world.observe(world.reset(key, Params()), Params()), jax.random.key(0))
-    zeros = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    return jax.jit(agent.init)(jax.random.key(0), zeros, Hyperparameters()).actor
+def actor(agent, blank_observation):
+    return jax.jit(agent.init)(jax.random.key(0), blank_observation(), Hyperparameters()).actor
 
 
 def test_the_other_side_swaps_right_and_left_exactly():
@@ -77,3 +73,35 @@ def test_the_auxiliary_loss_teaches_what_phrases_mean(agent, actor):
         understood = np.mean([message[i].argmax() == TABLE.phrases[i].message for i in here])
         answered = np.mean([reply[i].argmax() == TABLE.phrases[i].reply for i in here])
         assert understood > least and answered > least, (split, understood, answered)
+
+
+@pytest.mark.parametrize("per_code", [False, True])
+def test_parts_of_an_actor_are_the_whole_and_those_not_called_have_no_parameters(random_observation, per_code):
+    seen = random_observation(np.random.default_rng(0), (5,))
+    heard = message_codes(seen.dialogue)
+    plain, squashed = (Actor("lidar", (8,), per_code=per_code, mean_tanh=squash) for squash in (False, True))
+    heads = {
+        "steer": {"mean_head"},
+        "gaussian": {"mean_head", "log_std_head"},
+        "act": {"mean_head", "log_std_head", "code_head"},
+    }
+
+    @jax.jit
+    def applied(key):
+        own = {name: plain.init(key, seen, heard, method=name) for name in heads}
+        wide = jax.tree.map(lambda leaf: 5 * leaf, own["act"])
+        parts = {name: plain.apply(wide, seen, heard, method=name) for name in heads}
+        return own, parts, squashed.apply(wide, seen, heard)
+
+    own, parts, (squashed_mean, *others) = applied(jax.random.key(0))
+    for name, called in heads.items():
+        assert set(own[name]["params"]) == called | {"state_encoder", "body"}
+    mean, log_std, logits = parts["act"]
+    assert mean.shape == log_std.shape == ((5, 4, 2) if per_code else (5, 2)) and logits.shape == (5, 4)
+    low, high = LOG_STD_RANGE
+    assert (log_std >= low).all() and (log_std <= high).all()
+    np.testing.assert_allclose(parts["steer"], mean, atol=1e-6)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), parts["gaussian"], (mean, log_std))
+    assert np.abs(mean).max() > 1
+    np.testing.assert_allclose(squashed_mean, np.tanh(mean), atol=1e-6)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), others, [log_std, logits])

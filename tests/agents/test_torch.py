@@ -25,7 +25,7 @@ from .torch_networks import (
     gaussian,
     mlp,
     one_hot,
-    seasoned,
+    random_learner,
     tensors,
     trunk,
 )
@@ -114,26 +114,20 @@ def hsac_in_torch(learner, batch, noises, hyper, config):
 @pytest.mark.parametrize("options", [{"heads": "shared"}, {"heads": "per-code", "codes": 2, "mean_tanh": True}])
 def test_hsac(options, blank_observation, random_batch):
     agent = HSAC(HSACConfig(language="codes", **SIZES, **options))
-    codes, size = agent.config.codes, 12
-    batch = random_batch(np.random.default_rng(0), (size,), codes=codes, steps=np.arange(size) % 3 + 1)
+    codes, size, rng = agent.config.codes, 12, np.random.default_rng(0)
+    batch = random_batch(rng, (size,), codes=codes, steps=np.arange(size) % 3 + 1)
+    before = random_learner(agent, blank_observation(), HSAC_HYPER, rng)
+    before = before.replace(log_temperatures={"twist": np.float32(-1.2), "code": np.float32(-1.6)})
 
     @jax.jit
-    def compared():
-        """The learner before and after an update of which PyTorch is told the noise."""
-        start, other = (agent.init(jax.random.key(i), blank_observation(), HSAC_HYPER) for i in range(2))
-        start = start.replace(
-            averaged=other.actor,
-            target_critic=other.critic,
-            log_temperatures={"twist": jnp.log(0.3), "code": jnp.log(0.2)},
-            **{name: seasoned(start[name]) for name in start if name.endswith("optimiser")},
-        )
-        key = jax.random.key(2)
+    def updated(key):
+        """The learner after an update, and the noise of that."""
         key_critic, key_actor = jax.random.split(key)
         shape = (size, codes, 2) if agent.config.heads == "per-code" else (size, 2)
         noises = [jax.random.normal(key, shape) for key in (key_critic, jax.random.split(key_actor)[0])]
-        return start, agent.update(key, start, batch, HSAC_HYPER, LR_SCALE)[0], noises
+        return agent.update(key, before, batch, HSAC_HYPER, LR_SCALE)[0], noises
 
-    before, after, noises = jax.device_get(compared())
+    after, noises = jax.device_get(updated(jax.random.key(2)))
     assert_moved(before, after, "actor", "averaged", "critic", "target_critic", "log_temperatures")
     assert_same(after, **hsac_in_torch(before, batch, tensors(noises), HSAC_HYPER, agent.config))
 
@@ -172,23 +166,17 @@ def td3_in_torch(learner, batch, noise, hyper, config, moves):
 
 
 def test_td3(blank_observation, random_batch):
-    agent, size = TD3(TD3Config(actor_every=2, **SIZES)), 12
-    batch = random_batch(np.random.default_rng(0), (size,), steps=np.arange(size) % 3 + 1)
+    agent, size, rng = TD3(TD3Config(actor_every=2, **SIZES)), 12, np.random.default_rng(0)
+    batch = random_batch(rng, (size,), steps=np.arange(size) % 3 + 1)
+    before = random_learner(agent, blank_observation(), TD3_HYPER, rng)
 
     @jax.jit
-    def compared(step):
-        start, other = (agent.init(jax.random.key(i), blank_observation(), TD3_HYPER) for i in range(2))
-        start = start.replace(
-            target_actor=other.actor,
-            target_critic=other.critic,
-            **{name: seasoned(start[name]) for name in start if name.endswith("optimiser")},
-        )
-        key = jax.random.key(2)
+    def updated(key, step):
         noise = jax.random.normal(key, (size, 2))
-        return start, agent.update(key, start, batch, TD3_HYPER, LR_SCALE, step)[0], noise
+        return agent.update(key, before, batch, TD3_HYPER, LR_SCALE, step)[0], noise
 
     for step in (3, 4):
-        before, after, noise = jax.device_get(compared(step))
+        after, noise = jax.device_get(updated(jax.random.key(2), step))
         moved = ("actor", "target_actor", "critic", "target_critic") if step == 4 else ("critic",)
         assert_moved(before, after, *moved)
         assert_same(after, **td3_in_torch(before, batch, tensors(noise), TD3_HYPER, agent.config, step == 4))
@@ -264,24 +252,21 @@ HORIZON, EPISODES = 4, 6
     ids=["ppo-once", "ppo-often", "a2c"],
 )
 def test_ppo_and_a2c(agent, longest, blank_observation, random_batch):
-    hyper = PPO_HYPER.replace(max_gradient_norm=longest)
-    batch = random_batch(np.random.default_rng(0), (HORIZON, EPISODES))
+    hyper, rng = PPO_HYPER.replace(max_gradient_norm=longest), np.random.default_rng(0)
+    batch = random_batch(rng, (HORIZON, EPISODES))
     fates = set(zip(batch.terminated.flat, batch.ended.flat, strict=True))
     assert fates == {(True, True), (False, True), (False, False)}
+    before = random_learner(agent, blank_observation(), hyper, rng)
 
     @jax.jit
-    def compared(batch):
-        start, other = (agent.init(jax.random.key(i), blank_observation(), hyper) for i in range(2))
-        start = start.replace(
-            averaged=other.actor, **{name: seasoned(start[name]) for name in start if name.endswith("optimiser")}
-        )
-        tried = batch.replace(twist=agent.act(jax.random.key(3), start, batch.observation, hyper).twist)
-        key, count = jax.random.key(2), HORIZON * EPISODES
-        keys = jax.random.split(key, agent.config.epochs)
+    def updated(key, batch):
+        """The learner after an update, the twists that it has tried, and the rows of each minibatch."""
+        tried = batch.replace(twist=agent.act(jax.random.key(3), before, batch.observation, hyper).twist)
+        keys, count = jax.random.split(key, agent.config.epochs), HORIZON * EPISODES
         orders = jnp.concatenate([jax.random.permutation(one, count) for one in keys])
-        after, _ = agent.update(key, start, tried, hyper, LR_SCALE)
-        return start, after, tried, orders.reshape(-1, count // agent.config.minibatches)
+        after, _ = agent.update(key, before, tried, hyper, LR_SCALE)
+        return after, tried, orders.reshape(-1, count // agent.config.minibatches)
 
-    before, after, tried, orders = jax.device_get(compared(batch))
+    after, tried, orders = jax.device_get(updated(jax.random.key(2), batch))
     assert_moved(before, after, "actor", "averaged", "value")
     assert_same(after, **ppo_in_torch(before, tried, orders, hyper, clipped=not isinstance(agent, A2C)))

@@ -8,7 +8,6 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import torch
 from torch.nn import functional as F
 
@@ -17,10 +16,19 @@ COUNT, SQUARES = 1000, 0.01
 LR_SCALE = 0.7
 
 
-def seasoned(optimiser):
-    """An optimiser of JAX after many steps."""
-    squares = jax.tree.map(lambda leaf: jnp.full_like(leaf, SQUARES), optax.tree.get(optimiser, "nu"))
-    return optax.tree.set(optimiser, count=jnp.int32(COUNT), nu=squares)
+def random_learner(agent, observation, hyper, rng):
+    """The state of a learner with random parameters, targets and averages apart from them, after many steps."""
+    shapes = jax.eval_shape(agent.init, jax.random.key(0), observation, hyper)
+    learner = jax.tree.map(
+        lambda leaf: np.float32(rng.normal(size=leaf.shape) / math.sqrt(leaf.shape[0] if leaf.ndim == 2 else 4.0)),
+        shapes,
+    )
+
+    def seasoned(optimiser):
+        moments = {"mu": jnp.zeros(optimiser.mu.shape), "nu": jnp.full(optimiser.nu.shape, SQUARES)}
+        return optimiser._replace(count=jnp.int32(COUNT), **moments)
+
+    return learner.replace(**{name: seasoned(shapes[name]) for name in shapes if name.endswith("optimiser")})
 
 
 def adam(parameters, lr):

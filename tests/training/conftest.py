@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxnav.agents.a2c import A2CConfig
 from jaxnav.agents.hsac import HSACConfig
 from jaxnav.agents.scripted import straight_line
 from jaxnav.training import evaluation
-from jaxnav.training.config import RunConfig, TrainConfig, WorldSettings, resolve
+from jaxnav.training.config import ALGORITHMS, TrainConfig, WorldSettings, resolve
 from jaxnav.training.rollout import record
 from jaxnav.training.run import Run
 from jaxnav.world import Action, Params, World, WorldConfig
@@ -25,15 +26,18 @@ def _light_runs():
         yield
 
 
-def tiny(out="", **train):
+def tiny(out="", algo="hsac", **train):
     """A `RunConfig` of seconds: 4 chunks of 5 steps of 16 episodes in the square."""
     sizes = {"episodes": 16, "replay_rows": 20, "steps_per_chunk": 5, "total_steps": 20, "checkpoint_seconds": 0.0}
+    agent = HSACConfig(actor_widths=(16,), critic_widths=(16,), batch=32, updates_per_step=2)
+    if algo == "a2c":
+        agent = A2CConfig(actor_widths=(16,), critic_widths=(16,), horizon=5)
     return resolve(
-        RunConfig(
+        ALGORITHMS[algo][1](
             scene="square",
             out=str(out),
             world=WorldSettings(beams=16, params=Params(max_steps=12.0)),
-            agent=HSACConfig(actor_widths=(16,), critic_widths=(16,), batch=32, updates_per_step=2),
+            agent=agent,
             train=TrainConfig(**sizes | train),
         )
     )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from jaxnav.errors import UserError
-from jaxnav.training.config import RunConfig, from_json, to_json
+from jaxnav.training.config import run_from_json, to_json
 from jaxnav.training.loop import Trainer
 from jaxnav.training.run import Interrupted, Run
 
@@ -36,7 +36,7 @@ def resume(config):
 
 
 def replaced(config, **fields):
-    return from_json(RunConfig, to_json(config) | fields)
+    return run_from_json(to_json(config) | fields)
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_the_folder_says_what_was_run_with_what(finished):
     run, _ = finished
     stored = json.loads((run.folder / "config.json").read_text())
     assert set(stored) == {"config", "embeddings", "versions", "git_commit", "device"}
-    assert from_json(RunConfig, stored["config"]) == run.config
+    assert run_from_json(stored["config"]) == run.config
     assert {"python", "jaxnav", "jax", "jaxlib", "flax", "optax", "numpy"} <= set(stored["versions"])
     assert stored["versions"]["jax"] == jax.__version__
     assert "CPU cores" in stored["device"]
@@ -86,6 +86,18 @@ def test_resuming_repeats_what_was_lost_bit_for_bit(finished, copied, assert_sam
     assert lines(run) == lines(finished[0])
     assert run.metrics()[-1]["wall_seconds"] > run.metrics()[-2]["wall_seconds"]
     assert_same(Run.open(folder).restore(), finished[1])
+
+
+def test_a_learner_of_rollouts_resumes_bit_for_bit(tmp_path, tiny, train, assert_same):
+    run, progress = train(tiny(tmp_path / "run", algo="a2c"))
+    assert [line["updates"] for line in run.metrics()] == [1, 2, 3, 4]
+    assert {"critic_loss", "actor_loss", "twist_entropy", "q"} <= run.metrics()[0].keys()
+    assert Run.open(run.folder).config == run.config
+    shutil.rmtree(run.folder / "checkpoints" / "step_20")
+    again, repeated = resume(replaced(run.config, resume=True))
+    assert_same(repeated, progress)
+    assert lines(again) == lines(run)
+    assert again.record(again.actor(repeated, "last"), 0, [0], [0])[0].outcomes.requested.max() == 0
 
 
 def test_resuming_without_a_checkpoint_begins_again(finished, copied, assert_same):
