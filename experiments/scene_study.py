@@ -27,12 +27,12 @@ def check_options(options, limits):
             raise UserError(f"--{name} is {getattr(options, name)}: give a whole number from {least} to {most}")
 
 
-def make_folder(out):
-    """Make the folder of results, before anything takes time. UserError: it can't be."""
+def make_folder(out, option="--out"):
+    """Make a folder, before anything takes time. UserError: it can't be."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"--out is {out}: {error.strerror}: choose a folder that can be written") from None
+        raise UserError(f"{option} is {out}: {error.strerror}: choose a folder that can be written") from None
 
 
 def study(out, program, settings, names, blocks, play_scene, table, draw):

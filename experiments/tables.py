@@ -4,6 +4,7 @@ Trainings and plays lie in a folder that all tables share: what one table has do
 table that was interrupted goes on where it was.
 """
 
+import base64
 import dataclasses
 import json
 import math
@@ -37,6 +38,9 @@ TUNED = scene_study.RESULTS / "tuning.json"
 
 # Scenes whose robots share a compiled program: those of one number of pedestrians.
 GROUPS = (SUITES["parity"], ("narrow", "doorway", "corner"), ("crossflow",))
+TABLES = ("table1", "table2", "table3")
+# Fields of a result's configuration that decide on what was played, beside its methods.
+PLAYED = ("episodes", "episode_seed", "budgets", "embeddings")
 SUITE_OF = {scene: suite for suite in ("parity", "hard") for scene in SUITES[suite]}
 
 
@@ -177,8 +181,9 @@ class Study:
         self.options = options
         self.methods = {name: METHODS[name] for name in methods}
         self.console = Console(stderr=True)
-        for folder in (options.runs, options.out):
-            scene_study.make_folder(folder)
+        self._where = provenance()  # of the code that runs, whatever is committed meanwhile
+        scene_study.make_folder(options.runs, "--runs")
+        scene_study.make_folder(options.out)
 
     def run(self, name, pairs):
         """Train and play what is missing and write the table's files; returns the result.
@@ -189,28 +194,51 @@ class Study:
         result = {"table": name, "command": f"python experiments/{name}.py", "rows": [], "pairs": []}
         result |= {"config": self._config()}
         before = scene_study.stored(path, {"config": result["config"]}, "wall_seconds", 0.0)
-        rows, plays = [], {}
-        for group in GROUPS:
-            for method in self.methods:
-                for row, played in self._cells(method, group):
-                    rows.append(row)
-                    plays[row["scene"], method, row["budget"]] = played
-            rows += [self._scripted(robot, scene) for robot in SCRIPTED for scene in group if self._have(robot, scene)]
-        result["rows"] = rows
-        result["pairs"] = [
-            _pair(plays[scene, one, budget], plays[scene, other, budget], scene, budget, one, other)
+        self._kept, where = self._rows_kept(name), self._where
+        result |= {"commit": where["git_commit"], "device": where["device"], "versions": where["versions"]}
+        rows = {}
+        for row in self._all_rows():
+            rows[row["scene"], row["method"], row["budget"]] = row
+            # An interruption leaves what is known: rows that this call has not come to yet, too.
+            result["rows"] = list((self._kept | rows).values())
+            result["wall_seconds"] = round(before + time.monotonic() - start, 1)
+            scene_study.write(path, result)
+        result["rows"] = list(rows.values())
+        wanted = [
+            (rows.get((scene, one, budget)), rows.get((scene, other, budget)))
             for one, other in pairs
             for scene in SUITE_OF
             for budget in self.options.budgets
-            if (scene, one, budget) in plays and (scene, other, budget) in plays
         ]
-        where = provenance()
-        result |= {"commit": where["git_commit"], "device": where["device"], "versions": where["versions"]}
-        result["wall_seconds"] = round(before + time.monotonic() - start, 1)
+        result["pairs"] = [found for one, other in wanted if one and other and (found := pair(one, other))]
         scene_study.write(path, result)
         path.with_suffix(".md").write_text(report.markdown(result))
         report.draw(result, path.with_suffix(".png"))
         return result
+
+    def _all_rows(self):
+        for group in GROUPS:
+            for method in self.methods:
+                yield from self._cells(method, group)
+            yield from (row for robot in SCRIPTED for scene in group if (row := self._scripted(robot, scene)))
+
+    def _rows_kept(self, name):
+        """Rows of all tables in the folder of results that were played by the same methods in the same way."""
+        config, kept = self._config(), {}
+        for path in [
+            *(self.options.out / f"{table}.json" for table in TABLES if table != name),
+            self.options.out / f"{name}.json",
+        ]:
+            if not path.exists():
+                continue
+            stored = json.loads(path.read_text())
+            same = all(stored["config"][field] == _plain(config)[field] for field in PLAYED)
+            for row in stored["rows"] if same else ():
+                method = row["method"]
+                theirs, ours = (c["methods"].get(method) for c in (stored["config"], config))
+                if method in SCRIPTED or (method in self.methods and not differences(theirs, _plain(ours))):
+                    kept[row["scene"], method, row["budget"]] = row
+        return kept
 
     def _config(self):
         options = self.options
@@ -223,13 +251,11 @@ class Study:
         }  # fmt: skip
 
     def _identity(self, config):
-        """What decides on what is trained: all of a configuration but names, folders and scenes."""
+        """What decides on what is trained: all of a configuration but names and folders."""
         whole = to_json(config)
         for name in ("preset", "scene", "seed", "out", "resume"):
             whole.pop(name)
-        for name in ("scenes", "pedestrians", "params"):
-            whole["world"].pop(name)
-        return whole | {"seeds": list(range(self.options.seeds))}
+        return whole | {"seeds": list(range(self.options.seeds)), "embeddings": default_table().fingerprint}
 
     def _save(self, path, summary):
         """Keep plays, whole or not at all."""
@@ -248,7 +274,7 @@ class Study:
         return EpisodeSummary(**arrays)
 
     def _cells(self, name, group):
-        """(row, plays `EpisodeSummary` `[seeds, episodes]`) of a method in each scene and budget of a group."""
+        """The rows of a method in each scene and budget of a group."""
         options, method = self.options, self.methods[name]
         config = configuration(options, method, group)
         programs = None
@@ -257,26 +283,27 @@ class Study:
                 folder = options.runs / f"{method.training}-{scene}-{budget}"
                 played = folder / ("played.npz" if method.voice else "muted.npz")
                 if not played.exists():
+                    if (scene, name, budget) in self._kept:
+                        yield self._kept[scene, name, budget]
+                        continue
                     if not options.asked(scene):
                         continue
                     programs = programs or _Programs(config, options.seeds)
                     if not (folder / "training.json").exists():
                         self._train(programs, method, scene, index)
+                    _training(folder, self._identity(config))
                     self._play(programs, folder, method, index, episodes)
                 meta = _training(folder, self._identity(config))
                 summary = self._load(played, (options.seeds, episodes))
                 good = [seed for seed in range(options.seeds) if meta["broken"][seed] is None]
                 summary = EpisodeSummary(*(leaf[good] for leaf in summary))
-                yield (
-                    {
-                        "suite": SUITE_OF[scene], "scene": scene, "method": name, "budget": budget,
-                        "env_steps": meta["env_steps"], "seeds": good, "encoder": config.agent.encoder,
-                        "excluded": {str(i): step for i, step in enumerate(meta["broken"]) if step is not None},
-                        "episodes": episodes, **measures(summary), "train_seconds": meta["seconds"],
-                        "commit": meta["commit"],
-                    },
-                    summary,
-                )  # fmt: skip
+                yield {
+                    "suite": SUITE_OF[scene], "scene": scene, "method": name, "budget": budget,
+                    "env_steps": meta["env_steps"], "seeds": good, "encoder": config.agent.encoder,
+                    "excluded": {str(i): step for i, step in enumerate(meta["broken"]) if step is not None},
+                    "episodes": episodes, **measures(summary), "train_seconds": meta["seconds"],
+                    "commit": meta["commit"], "arrived": packed(summary.arrived),
+                }  # fmt: skip
 
     def _train(self, programs, method, scene, index):
         """Train all seeds of a method in a scene, and keep their policies at the end of each budget."""
@@ -297,14 +324,17 @@ class Study:
             loop, trained = population.train(loop, hyper, steps, show, broken)
             broken, seconds = trained.broken, time.monotonic() - start
             folder = options.runs / f"{method.training}-{scene}-{budget}"
+            if (folder / "training.json").exists():
+                continue  # whole, and perhaps played: an interruption came later
             folder.mkdir(parents=True, exist_ok=True)
             leaves = jax.device_get(jax.tree.leaves(trained.policies))
-            np.savez(folder / "policies.npz", **{f"{i:03d}": leaf for i, leaf in enumerate(leaves)})
+            np.savez(folder / "new-policies.npz", **{f"{i:03d}": leaf for i, leaf in enumerate(leaves)})
+            (folder / "new-policies.npz").replace(folder / "policies.npz")
             scene_study.write(
                 folder / "training.json",
                 {
                     "config": self._identity(population.config), "scene": scene, "env_steps": trained.env_steps,
-                    "broken": broken, "seconds": round(seconds, 1), "commit": provenance()["git_commit"],
+                    "broken": broken, "seconds": round(seconds, 1), "commit": self._where["git_commit"],
                 },
             )  # fmt: skip
 
@@ -323,13 +353,14 @@ class Study:
             f"{folder.name}, {name}: success {' '.join(f'{rate:.4f}' for rate in whole.arrived.mean(1))}"
         )
 
-    def _have(self, robot, scene):
-        return self.options.asked(scene) or (self.options.runs / f"{robot}-{scene}.npz").exists()
-
     def _scripted(self, robot, scene):
-        """The row of a scripted robot in a scene."""
+        """The row of a scripted robot in a scene; None where it was not to be played."""
         options, path = self.options, self.options.runs / f"{robot}-{scene}.npz"
         if not path.exists():
+            if (scene, robot, "none") in self._kept:
+                return self._kept[scene, robot, "none"]
+            if not options.asked(scene):
+                return None
             policy, policy_params = SCRIPTED[robot]
             world = PRESETS["quick"].world.of_scenes((scene,))
             player = Player(world.world(), default_params((scene,)), policy)
@@ -341,6 +372,7 @@ class Study:
         return {
             "suite": SUITE_OF[scene], "scene": scene, "method": robot, "budget": "none", "env_steps": 0, "seeds": [],
             "excluded": {}, "episodes": summary.arrived.shape[1], **measures(summary), "train_seconds": 0,
+            "commit": self._where["git_commit"],
         }  # fmt: skip
 
     def trajectories(self, name):
@@ -411,15 +443,41 @@ def measures(summary):
     }
 
 
-def _pair(one, other, scene, budget, name, other_name):
-    """The paired difference of success between two methods' plays of the same episodes."""
-    count = min(len(one.arrived), len(other.arrived))  # a seed that broke has no partner
-    difference = one.arrived[:count].astype(float) - other.arrived[:count]
+def packed(arrived):
+    """Which episodes `[seeds, episodes]` arrived, a string a seed: what paired differences are made of."""
+    return [base64.b64encode(np.packbits(row).tobytes()).decode() for row in arrived]
+
+
+def unpacked(row):
+    """{seed: arrived `[episodes]`} of a row."""
+    bits = [np.frombuffer(base64.b64decode(text), np.uint8) for text in row["arrived"]]
     return {
-        "suite": SUITE_OF[scene], "scene": scene, "budget": budget, "one": name, "other": other_name,
-        "field": "success", "difference": float(difference.mean()),
+        seed: np.unpackbits(part)[: row["episodes"]].astype(int) for seed, part in zip(row["seeds"], bits, strict=True)
+    }
+
+
+def pair(one, other):
+    """The paired difference of success between two rows, over the episodes and seeds that both have; None if none.
+
+    Of its intervals one is over the episodes of all seeds, as if these seeds were all there are; the other over seeds.
+    """
+    ours, theirs = unpacked(one), unpacked(other)
+    episodes = min(one["episodes"], other["episodes"])  # the first n of more episodes are the same n
+    both = [ours[seed][:episodes] - theirs[seed][:episodes] for seed in ours if seed in theirs]
+    if not both:
+        return None
+    difference = np.concatenate(both)
+    return {
+        **{field: one[field] for field in ("suite", "scene", "budget")}, "one": one["method"],
+        "other": other["method"], "field": "success", "difference": float(difference.mean()),
         "ci95_half": float(1.96 * difference.std() / math.sqrt(difference.size)), "episodes": difference.size,
+        "seeds_ci95": report.measure([float(seed.mean()) for seed in both])["ci95"],
     }  # fmt: skip
+
+
+def _plain(value):
+    """What JSON makes of a value."""
+    return json.loads(json.dumps(value))
 
 
 def _training(folder, config):
@@ -427,7 +485,7 @@ def _training(folder, config):
     path = folder / "training.json"
     try:
         meta = json.loads(path.read_text())
-        changed = differences(meta["config"], json.loads(json.dumps(config)))
+        changed = differences(meta["config"], _plain(config))
     except (OSError, ValueError, KeyError) as error:
         raise UserError(f"{path} can't be read ({error!r}): move {folder} away to train anew") from None
     if changed:

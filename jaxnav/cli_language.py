@@ -227,7 +227,9 @@ def _open(folder, policy):
 
     run = Run.open(folder)
     if run.agent.spoken("test") is None or not run.config.world.hearing:
-        raise UserError(f"{folder} is a run whose robot hears no phrases: train one with --agent.language phrases")
+        raise UserError(
+            f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
+        )
     return run, run.actor(run.restore(), policy)
 
 

@@ -138,7 +138,7 @@ _BINS = np.linspace(-12.0, 20.0, 51).astype(np.float32)
 class HSAC:
     """The bundle of pure functions: `init`, `act`, `update`."""
 
-    horizon = 1
+    replays, horizon = True, 1
 
     def __init__(self, config: HSACConfig = HSACConfig()):
         self.config = config
@@ -239,6 +239,8 @@ class HSAC:
                 lambda state: (state, dict.fromkeys(_ACTOR_METRICS, jnp.float32(0.0))),
                 state,
             )
+            # The mean over updates is then that of those that had one.
+            metrics = {name: self.config.actor_every * value for name, value in metrics.items()}
         return state, {"critic_loss": critic_loss, "q": q, **metrics}
 
     def _update_actor(self, key, state, batch, temperatures, hyper, lr_scale):

@@ -1,7 +1,7 @@
 """What all learners share: sizes, what an update learns from, and the step of an optimiser.
 
-A learner is a bundle of pure functions of explicit state, with a static ``config`` and a ``horizon``: how many steps
-of all episodes are played between two calls of its update.
+A learner is a bundle of pure functions of explicit state, with a static ``config``, ``horizon``: how many steps of all
+episodes are played between two calls of its update, and ``replays``: whether it learns from replay or from these steps.
 
 init(key, observation, hyper) -> state
 act(key, state, observation, hyper) -> `Action`, to learn from

@@ -122,6 +122,13 @@ def own_features(observation):
     )
 
 
+def known(observation):
+    """`[..., K, 1]`: 1 for pedestrians who are seen or speak, 0 for rows of nobody, which must not count."""
+    dialogue = observation.dialogue
+    speaks = dialogue.is_open.astype(bool) | (dialogue.utterance != 0) | (dialogue.message != 0)
+    return (observation.seen | speaks | (dialogue.request != 0))[..., None].astype(jnp.float32)
+
+
 class LidarEncoder(nn.Module):
     """Scan, pedestrians, dialogue, S_c and pose -> `[..., features]`, whatever the number of pedestrians.
 
@@ -140,7 +147,8 @@ class LidarEncoder(nn.Module):
         nearest = jnp.stack([sector.min(axis=-1) for sector in sectors], axis=-1)
         echoes = jnp.concatenate([jnp.exp(-0.5 * ranges), jnp.exp(-4.0 * nearest)], axis=-1)
         scan = MLP([self.scan_width], self.norm)(echoes)
-        people = MLP([self.pedestrian_width], self.norm)(pedestrian_features(observation, heard)).sum(axis=-2)
+        people = MLP([self.pedestrian_width], self.norm)(pedestrian_features(observation, heard))
+        people = (people * known(observation)).sum(axis=-2)
         return jnp.concatenate([scan, people, own_features(observation)], axis=-1)
 
 
@@ -149,7 +157,7 @@ class GridEncoder(nn.Module):
 
     Maps `[4, 48, 48]` -> 3 x (convolution 3 x 3, ReLU, 2 x 2 maximum) -> 512, beside the rest -> 512, each with ReLU.
     The maximum is one over a reshaped array: its gradient is an order of magnitude faster on a CPU than `nn.max_pool`.
-    frozen: Img_PreNet keeps its first, random weights, as in the authors' release.
+    frozen: Img_PreNet, its last layer included, keeps its first, random weights, as in the authors' release.
     """
 
     norm: str = "layer"
@@ -171,7 +179,8 @@ class GridEncoder(nn.Module):
         image = nn.relu(nn.Dense(self.width)(x.reshape(batch, -1))).reshape(*lead, self.width)
         if self.frozen:
             image = jax.lax.stop_gradient(image)
-        talk = MLP([self.dialogue_width], self.norm)(dialogue_features(observation.dialogue, heard)).sum(axis=-2)
+        talk = MLP([self.dialogue_width], self.norm)(dialogue_features(observation.dialogue, heard))
+        talk = (talk * known(observation)).sum(axis=-2)
         x = jnp.concatenate([image, own_features(observation), talk], axis=-1)
         return MLP([self.width], self.norm)(x)
 

@@ -108,6 +108,8 @@ class PPO:
     The twist is a Gaussian that the world clips: no tanh, so that its density is known wherever it falls.
     """
 
+    replays = False
+
     def __init__(self, config: RolloutConfig = PPOConfig()):
         self.config = config
         self.horizon = config.horizon

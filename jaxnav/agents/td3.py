@@ -81,7 +81,7 @@ class TD3State:
 class TD3:
     """The bundle of pure functions: `init`, `act`, `update`. Messages are heard as codes."""
 
-    horizon = 1
+    replays, horizon = True, 1
 
     def __init__(self, config: TD3Config = TD3Config()):
         self.config = config

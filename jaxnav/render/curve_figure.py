@@ -101,6 +101,7 @@ def _draw_measures(axes, lines, updates, title, measures, logarithmic=True):
     values = {name: _column(lines, name) for name in measures}
     seen = np.concatenate(list(values.values()))
     seen = seen[np.isfinite(seen)]
+    measures = {name: style for name, style in measures.items() if np.isfinite(values[name]).any()}
     for name, (label, colour) in measures.items():
         axes.plot(updates, values[name], color=colour, linewidth=1.5, label=label, **_lone_mark(values[name]))
     if not len(seen):

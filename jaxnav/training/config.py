@@ -114,7 +114,7 @@ class RunConfig:
         scene: what to train and evaluate on: all (square, hallway, crosswalk), hard, hard-laser, one scene, or the yaml
             file of a ROS map.
         seed: seed of everything random.
-        out: the run's folder; runs/PRESET-SEED if not given.
+        out: the run's folder; runs/PRESET-SEED if not given, runs/ALGO-PRESET-SEED for the others than hsac.
         resume: go on with the run that the folder holds.
         world: sizes, switches and floats of the world.
         agent: sizes of the learner.
@@ -159,7 +159,8 @@ class A2CRunConfig(RunConfig):
 
     algo: str = "a2c"
     agent: A2CConfig = A2CConfig()
-    hyper: PPOHyperparameters = dataclasses.field(default_factory=PPOHyperparameters)
+    # It makes a sixth of PPO's updates: as long an average in steps of the world.
+    hyper: PPOHyperparameters = dataclasses.field(default_factory=lambda: PPOHyperparameters(average=0.06))
     train: TrainConfig = TrainConfig(episodes=64)
 
 
@@ -179,6 +180,7 @@ PRESETS = {
         preset="robust",
         world=WorldSettings(
             pedestrians=8,
+            params=Params(crowd_size=4.0),  # where nothing is drawn: evaluations
             scan_noise=True,
             control_delay=2,
             randomise=(
@@ -234,8 +236,12 @@ def make_agent(config: RunConfig):
 
 def resolve(config: RunConfig) -> RunConfig:
     """``config`` with scene and folder filled in, checked as a whole. UserError names the field and the remedy."""
-    if config.algo not in ALGORITHMS or type(config) is not ALGORITHMS[config.algo][1]:
+    if config.algo not in ALGORITHMS:
         raise UserError(f"algo {config.algo!r} is unknown: choose from {', '.join(ALGORITHMS)}")
+    if type(config) is not ALGORITHMS[config.algo][1]:
+        raise UserError(
+            f"algo is {config.algo!r} in a {type(config).__name__}: begin with preset(name, {config.algo!r})"
+        )
     names, given = scene_names(config.scene), tuple(config.world.scenes)
     if config.scene == "all":
         names = given

@@ -68,7 +68,7 @@ class Trainer:
     @property
     def bytes_per_transition(self):
         """Of replay; none where the learner uses none."""
-        return self.replay.bytes_per_transition if self.agent.horizon == 1 else 0
+        return self.replay.bytes_per_transition if self.agent.replays else 0
 
     def init(self, key, hyper, scene=-1) -> LoopState:
         """The state before the first step; ``scene``: index of the only one to play, -1 for all."""
@@ -83,7 +83,7 @@ class Trainer:
             key=key,
             scene=jnp.int32(scene),
             learner=self.agent.init(key_learner, zeros(self._observation), hyper),
-            replay=self.replay.init(episodes) if self.agent.horizon == 1 else {},
+            replay=self.replay.init(episodes) if self.agent.replays else {},
             # Ended before they began: the first step replaces them all, and `init` need not compile a reset.
             states=zeros(self._state, episodes),
             ended=jnp.ones(episodes, bool),
@@ -127,7 +127,7 @@ class Trainer:
     def _iterate(self, loop, key, pool, hyper):
         """``horizon`` steps of all episodes, and what is learnt after them."""
         key_play, key_learn = jax.random.split(key)
-        if self.agent.horizon == 1:
+        if self.agent.replays:
             loop, (transitions, metrics) = self._step(loop, key_play, pool, hyper)
             loop, losses = self._learn_from_replay(loop, key_learn, transitions, hyper)
         else:

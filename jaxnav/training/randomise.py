@@ -19,8 +19,13 @@ def check_ranges(ranges, params, config):
             raise ValueError(f"world.randomise names {name!r}: give fields of world.params")
         if not low <= high:
             raise ValueError(f"world.randomise has {low} to {high} for {name}: give the lower end first")
+        if name == "crowd_size" and low < 1:
+            raise ValueError(f"world.randomise has {low} to {high} for crowd_size: give at least 1, since 0 means all")
         for value in (low, high):
-            check_params(_consistent(params.replace(**{name: value})), config)
+            try:
+                check_params(_consistent(params.replace(**{name: value})), config)
+            except ValueError as error:
+                raise ValueError(f"world.randomise, {error}") from None
     if len({name for name, _, _ in ranges}) < len(ranges):
         raise ValueError("world.randomise names a field twice: give one range for each")
 

@@ -77,7 +77,7 @@ def made_up(suites=("parity", "hard"), budgets=("paper", "converged"), without=(
     rows += [scripted(suite, scene, method) for suite, scene in places for method in SCRIPTED]
     pair = {
         "suite": "hard", "scene": "narrow", "budget": "paper", "one": "HSAC-LLM", "other": "TD3", "field": "success",
-        "difference": -0.0525, "ci95_half": 0.0175, "episodes": 600,
+        "difference": -0.0525, "ci95_half": 0.0175, "episodes": 600, "seeds_ci95": [-0.08, 0.0125],
     }  # fmt: skip
     return {
         "table": table, "rows": rows, "pairs": [pair, pair | {"field": "steps", "difference": 1.5, "ci95_half": 0.25}],
@@ -389,8 +389,8 @@ def test_suites_and_pairs():
     ]  # fmt: skip
     assert rows["parity", "none", "planner"] == ["0.995", "0.995", "100 %", "3 in 3 of 3 scenes"]
     assert table_below(text, "**Paired differences**") == [
-        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "success", "-5.25 ± 1.75 points", "600"],
-        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "steps", "+1.50 ± 0.25", "600"],
+        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "success", "-5.25 ± 1.75 points", "600", "-8.00 to +1.25"],
+        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "steps", "+1.50 ± 0.25", "600", "-0.08 to +0.01"],
     ]
 
 

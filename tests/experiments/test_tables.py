@@ -1,6 +1,7 @@
 """The tables from end to end, with trainings and plays made up: what is done again, what is not, what is refused."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -94,6 +95,18 @@ def test_a_seed_that_broke_is_left_out_openly(run):
     assert pair["episodes"] == 80 and pair["difference"] == pytest.approx(0.1)
 
 
+def test_pairs_are_of_the_same_seeds_and_episodes():
+    rng = np.random.default_rng(0)
+    wins, losses = rng.random((3, 1000)) < 0.9, rng.random((3, 1000)) < 0.7
+    base = {"suite": "hard", "scene": "narrow", "budget": "paper"}
+    one = base | {"method": "a", "seeds": [0, 2, 5], "episodes": 1000, "arrived": tables.packed(wins)}
+    other = base | {"method": "b", "seeds": [2, 3, 5], "episodes": 600, "arrived": tables.packed(losses[:, :600])}
+    found = tables.pair(one, other)
+    difference = np.concatenate([wins[i, :600].astype(int) - losses[j, :600] for i, j in ((1, 0), (2, 2))])
+    assert found["difference"] == pytest.approx(difference.mean()) and found["episodes"] == 1200
+    assert found["ci95_half"] == pytest.approx(1.96 * difference.std() / 1200**0.5)
+
+
 def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp_path):
     run(table1, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     first = list(FakePrograms.done)
@@ -118,9 +131,26 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
 def test_an_interrupted_training_is_done_again_and_nothing_else(run, tmp_path):
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     (tmp_path / "runs" / "hsac-2-codes-hallway-paper" / "played.npz").unlink()
+    (tmp_path / "out" / "table2.json").unlink()
     FakePrograms.done = []
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert [what[0] for what in FakePrograms.done] == ["compile", "play", "play"]
+
+
+def test_rows_alone_carry_on_where_trainings_are_gone(run, tmp_path):
+    """A half-finished table that was committed goes on in another clone."""
+    run(table1, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    shutil.rmtree(tmp_path / "runs")
+    FakePrograms.done = []
+    result = run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert {what[:2] for what in FakePrograms.done if what[0] == "train"} == {("train", "hsac")}
+    assert len([what for what in FakePrograms.done if what[0] == "train"]) == 3  # of 2 codes alone
+    assert {pair["scene"] for pair in result["pairs"]} == set(tables.GROUPS[0])
+    shutil.rmtree(tmp_path / "runs")
+    FakePrograms.done = []
+    whole = run(table1, "--seeds", "2", "--episodes", "20")
+    assert {what[2] for what in FakePrograms.done if what[0] == "train"} == set(tables.GROUPS[1] + tables.GROUPS[2])
+    assert len(whole["rows"]) == len(SCENES) * 4 * 2
 
 
 def refused(run, capsys, *arguments):

@@ -22,7 +22,7 @@ class Wanderer:
     """An agent that acts at random and learns nothing: it leaves the loop's own work to be looked at."""
 
     config = SimpleNamespace(batch=1, updates_per_step=1, n_step=1)
-    horizon = 1
+    replays, horizon = True, 1
 
     def init(self, key, observation, hyper):
         return SimpleActor(actor=jnp.float32(0))
