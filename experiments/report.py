@@ -187,7 +187,8 @@ def _facts(result):
             f"{_span(seeds, 'seeds')} seeds, trained at once in {_span(learnt, 'train_seconds')} s. "
         )
     if rows:
-        facts += f"{_span(rows, 'episodes')} episodes a scene with each seed. "
+        learnt = [row for row in rows if row["budget"] != "none"] or rows
+        facts += f"{_span(learnt, 'episodes')} episodes a scene with each seed, the same for all. "
     return facts + (
         f"Device: {result['device']}; commit {result['commit']}; {result['wall_seconds']:,.0f} s in all. Our scenes "
         "are not the paper's. Intervals of 95 %: percentile bootstrap of the mean over seeds (a point where all seeds "

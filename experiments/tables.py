@@ -9,7 +9,6 @@ import dataclasses
 import json
 import math
 import pathlib
-import sys
 import time
 from typing import NamedTuple
 
@@ -18,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 import report
 import scene_study
-import tyro
 from rich.console import Console
 
 from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
@@ -375,32 +373,49 @@ class Study:
             "commit": self._where["git_commit"],
         }  # fmt: skip
 
-    def trajectories(self, name):
-        """Draw what each method drives, with its first good seed, in the scenes of each group: paths of the figures."""
-        from jaxnav.render import figures
-
-        paths = []
+    def trajectories(self):
+        """Draw what each method drives after its last block, with its first good seed, and what scripted robots drive:
+        a figure for each and each group of scenes."""
+        folder = self.options.out / "trajectories"
+        scene_study.make_folder(folder)
         for group in GROUPS:
-            for label, method in self.methods.items():
-                config, episodes = configuration(self.options, method, group), []
-                programs = None
-                for index, scene in enumerate(group):
-                    budget = list(self.options.blocks_of(method))[-1]
-                    folder = self.options.runs / f"{method.training}-{scene}-{budget}"
-                    if (folder / "training.json").exists():
-                        programs = programs or _Programs(config, self.options.seeds)
-                        broken = _training(folder, self._identity(config))["broken"]
-                        if None in broken:
-                            actor = member(programs.policies(folder), broken.index(None))
-                            policy_params = actor, method.voice, programs.spoken
-                            episodes += programs.player.record(policy_params, index, self.options.seed)
+            world, params = PRESETS["quick"].world.of_scenes(group).world(), default_params(group)
+            for name, method in self.methods.items():
+                episodes = self._recorded(method, group)
                 if episodes:
-                    file = label.lower().replace(",", "").replace(" ", "-")
-                    path = self.options.out / "trajectories" / f"{name}-{file}-{group[0]}.png"
-                    path.parent.mkdir(exist_ok=True)
-                    figures.trajectories(programs.population.world, episodes, path, config.world.params, DRAWN)
-                    paths.append(path)
-        return paths
+                    _draw(folder, name, world, params, episodes)
+            for name, (policy, policy_params) in SCRIPTED.items():
+                asked = [i for i, scene in enumerate(group) if self.options.asked(scene)]
+                if asked and not _figure(folder, name, group).exists():
+                    player = Player(world, params, policy)
+                    episodes = [e for i in asked for e in player.record(policy_params, i, self.options.seed)]
+                    _draw(folder, name, world, params, episodes)
+
+    def _recorded(self, method, group):
+        """Episodes of a method in those scenes of a group for which its trainings are at hand."""
+        config, episodes, programs = configuration(self.options, method, group), [], None
+        for index, scene in enumerate(group):
+            folder = self.options.runs / f"{method.training}-{scene}-{list(self.options.blocks_of(method))[-1]}"
+            if not (folder / "training.json").exists():
+                continue
+            broken = _training(folder, self._identity(config))["broken"]
+            if None in broken:
+                programs = programs or _Programs(config, self.options.seeds)
+                actor = member(programs.policies(folder), broken.index(None))
+                policy_params = actor, method.voice, programs.spoken
+                episodes += programs.player.record(policy_params, index, self.options.seed)
+        return episodes
+
+
+def _figure(folder, name, group):
+    return folder / f"{name.lower().replace(',', '').replace(' ', '-')}-{group[0]}.png"
+
+
+def _draw(folder, name, world, params, episodes):
+    from jaxnav.render import figures
+
+    path = _figure(folder, name, [scene.name for scene in world.scenes])
+    figures.trajectories(world, episodes, path, params, DRAWN)
 
 
 class _Programs:
@@ -497,12 +512,11 @@ def _training(folder, config):
 
 def main(name, methods, pairs, arguments=None, options_class=Options):
     """Entry point of a table's program; exits with 2 after an error that the user can mend."""
-    try:
-        options = tyro.cli(options_class, args=arguments, prog=f"python experiments/{name}.py")
-        study = Study(options, methods)
-        print(report.markdown(study.run(name, pairs)), end="")
-        for path in study.trajectories(name):
-            print(path)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+
+    def study(options):
+        begun = Study(options, methods)
+        result = begun.run(name, pairs)
+        begun.trajectories()
+        return result
+
+    scene_study.main(options_class, study, report.markdown, name, arguments)

@@ -4,6 +4,7 @@ python experiments/tricks.py --help
 """
 
 import dataclasses
+import json
 import pathlib
 import time
 
@@ -14,7 +15,7 @@ import tune
 from rich.console import Console
 
 from jaxnav.errors import UserError
-from jaxnav.training.config import make_agent, preset, resolve, to_json
+from jaxnav.training.config import differences, make_agent, preset, resolve, to_json
 from jaxnav.training.evaluation import Evaluator
 from jaxnav.training.population import Population, member
 from jaxnav.training.provenance import provenance
@@ -73,19 +74,25 @@ class Options:
                 raise UserError(f"--tricks names {name!r}: choose from {', '.join(TRICKS)}")
 
 
-def train(name, scenes, steps, every, seeds):
-    """(config, one dict an evaluation): training with a trick, judged on the validation seed.
-
-    A dict holds steps, updates, success `[seeds][scenes]`, and seconds: those of training alone, compiled, a seed.
-    """
+def configuration(name, scenes, steps):
+    """The `RunConfig` of a trick."""
     agent_changes, hyper_changes = TRICKS[name]
     base = preset("quick")
-    config = resolve(
+    return resolve(
         dataclasses.replace(
             base, world=base.world.of_scenes(scenes), agent=dataclasses.replace(base.agent, **agent_changes),
             hyper=base.hyper.replace(**hyper_changes), train=dataclasses.replace(base.train, total_steps=steps),
         )
     )  # fmt: skip
+
+
+def train(config, every, seeds):
+    """One dict an evaluation: training with a trick, judged on the validation seed.
+
+    A dict holds steps, updates, success `[seeds][scenes]`, and seconds: those of training alone, compiled, divided by
+    the seeds that are trained at once.
+    """
+    steps = config.train.total_steps
     agent = make_agent(config)
     population = Population(config, agent, seeds)
     evaluator = Evaluator(population.world, agent, config.world.params)
@@ -101,7 +108,7 @@ def train(name, scenes, steps, every, seeds):
             {"steps": done, "updates": config.agent.updates(done), "seconds": round(seconds / seeds, 2),
              "success": success, "broken": broken}
         )  # fmt: skip
-    return config, lines
+    return lines
 
 
 def study(options):
@@ -114,11 +121,20 @@ def study(options):
     }  # fmt: skip
     result = {"command": f"python experiments/{PROGRAM}.py", **identity, "tricks": {}}
     result["tricks"] = scene_study.stored(path, identity, "tricks", {})
+    for name, found in result["tricks"].items():
+        now = configuration(name, SUITES["parity"], options.parity_steps)
+        changed = differences(
+            {"agent": found["agent"], "hyper": found["hyper"]},
+            json.loads(json.dumps({"agent": to_json(now.agent), "hyper": to_json(now.hyper)})),
+        )
+        if changed:
+            raise UserError(f"{path} tried another {name!r} ({', '.join(changed)} differ): move it away")
     for name in options.tricks or TRICKS:
         if name in result["tricks"]:
             continue
-        config, parity = train(name, SUITES["parity"], options.parity_steps, EVERY, options.seeds)
-        _, hard = train(name, tune.SCENES, options.hard_steps, options.hard_steps, options.seeds)
+        config = configuration(name, SUITES["parity"], options.parity_steps)
+        parity = train(config, EVERY, options.seeds)
+        hard = train(configuration(name, tune.SCENES, options.hard_steps), options.hard_steps, options.seeds)
         result["tricks"][name] = {
             "parity": parity, "hard": hard, "agent": to_json(config.agent), "hyper": to_json(config.hyper),
             **provenance(),
@@ -159,9 +175,9 @@ def table(result):
     lines = [
         f"Hybrid SAC with one thing changed at a time; {result['seeds']} seeds trained at once, validation seed and "
         f"phrases, 500 episodes a scene and evaluation. Parity suite: {result['parity_steps']} steps of 256 episodes; "
-        f"updates and seconds of one seed (compiled, training alone) until {THRESHOLD} in every scene twice in a row, "
-        f"medians. Hard scenes ({', '.join(result['hard_scenes'])}): {result['hard_steps']} steps. "
-        f"Device: {some['device']}; the commit of each row is in the JSON file.",
+        f"updates until {THRESHOLD} in every scene twice in a row, and seconds (compiled, training alone, divided by "
+        f"the seeds trained at once), medians. Hard scenes ({', '.join(result['hard_scenes'])}): "
+        f"{result['hard_steps']} steps. Device: {some['device']}; the commit of each row is in the JSON file.",
         "", f"| | updates to {THRESHOLD} | seconds to {THRESHOLD} | ms an update | parity suite at the end, mean "
         "(worst) | hard scenes, mean (each seed) |", "|---|---|---|---|---|---|",
     ]  # fmt: skip

@@ -4,6 +4,7 @@ python experiments/tune.py --help
 """
 
 import dataclasses
+import json
 import pathlib
 import time
 
@@ -12,7 +13,7 @@ import scene_study
 from rich.console import Console
 
 from jaxnav.errors import UserError
-from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve, to_json
+from jaxnav.training.config import ALGORITHMS, differences, make_agent, preset, resolve, to_json
 from jaxnav.training.evaluation import Evaluator
 from jaxnav.training.population import Population, member
 from jaxnav.training.provenance import provenance
@@ -131,6 +132,21 @@ def study(options):
     identity = {"trials": options.trials, "seed": options.seed, "scenes": list(SCENES), "steps": STEPS}
     result = {"command": "python experiments/tune.py", **identity, "algorithms": {}}
     result["algorithms"] = scene_study.stored(path, identity, "algorithms", {})
+    for algo, found in result["algorithms"].items():
+        base = preset("quick", algo)
+        now = {
+            "agent": to_json(base.agent), "episodes": base.train.episodes,
+            "defaults": {name: round(base.hyper[name], 5) for name in SPACES[algo]},
+        }  # fmt: skip
+        then = {
+            "agent": found["agent"], "episodes": found["train"]["episodes"],
+            "defaults": {name: round(value, 5) for name, value in found["trials"][0]["hyper"].items()},
+        }  # fmt: skip
+        changed = differences(then, json.loads(json.dumps(now)))
+        if changed:
+            raise UserError(
+                f"{path} tuned another {algo} ({', '.join(changed)} differ): take {algo} out of it to tune it again"
+            )
     for algo in ALGORITHMS:
         if algo not in result["algorithms"]:
             result["algorithms"][algo] = tune(algo, options, console)

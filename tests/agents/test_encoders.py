@@ -76,6 +76,32 @@ def test_a_leading_axis_more_or_less_is_the_same(observations):
     np.testing.assert_allclose(many, deep[0], atol=1e-6)
 
 
+@pytest.mark.parametrize("encoder", ["lidar", "grid"])
+def test_rows_of_nobody_do_not_count(encoder):
+    """What is seen of one pedestrian is the same in a world that has room for three."""
+    parts = {*PARTS["lidar"], *PARTS["grid"]}
+    room = [World(WorldConfig(observation=tuple(parts), beams=24, pedestrians=count)) for count in (1, 3)]
+    params = Params(crowd_size=1.0, encounter_distance=30.0, encounter_horizon=30.0, encounter_clearance=9.0)
+    one = room[0].observe(room[0].reset(jax.random.key(3), params), params)
+
+    def pad(leaf):
+        return jnp.concatenate([leaf, jnp.zeros((2, *leaf.shape[1:]), leaf.dtype)])
+
+    three = one.replace(pedestrians=pad(one.pedestrians), seen=pad(one.seen), dialogue=jax.tree.map(pad, one.dialogue))
+    net = ENCODERS[encoder](**(SMALL if encoder == "grid" else {}))
+    weights = net.init(jax.random.key(0), one, message_codes(one.dialogue))
+    # Biases begin as zeros, and then the rows of nobody have no voice anyway.
+    weights = jax.tree.map(lambda leaf: leaf + 0.3 * jax.random.normal(jax.random.key(1), leaf.shape), weights)
+    features = [net.apply(weights, seen, message_codes(seen.dialogue)) for seen in (one, three)]
+    np.testing.assert_allclose(*features, atol=1e-6)
+    silent = one.replace(seen=jnp.zeros_like(one.seen), pedestrians=jnp.zeros_like(one.pedestrians))
+    heard = silent.replace(dialogue=one.dialogue.replace(utterance=jnp.full_like(one.dialogue.utterance, 5)))
+    if encoder == "lidar":  # who is out of sight, but speaks, counts
+        nothing = silent.replace(dialogue=jax.tree.map(jnp.zeros_like, one.dialogue))
+        a, b = (net.apply(weights, seen, message_codes(seen.dialogue)) for seen in (heard, nothing))
+        assert np.abs(a - b).max() > 1e-3
+
+
 @pytest.mark.parametrize("encoder", ENCODERS)
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_any_learner_takes_any_encoder(algo, encoder):

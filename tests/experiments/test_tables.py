@@ -6,13 +6,13 @@ import shutil
 import numpy as np
 import pytest
 import report
-import scene_study
 import table1
 import table2
 import table3
 import tables
 import tune
 
+from jaxnav.training.config import preset, to_json
 from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary
 
@@ -57,7 +57,7 @@ def run(monkeypatch, tmp_path):
     """A function (program, *arguments) that runs it in a folder of its own."""
     FakePrograms.done = []
     monkeypatch.setattr(tables, "_Programs", FakePrograms)
-    monkeypatch.setattr(tables.Study, "trajectories", lambda self, name: [])
+    monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
     monkeypatch.setattr(report, "draw", lambda result, path: path.write_bytes(b"png"))
     monkeypatch.setattr(tables, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
     monkeypatch.setattr(tables, "SCRIPTED", {})
@@ -215,13 +215,18 @@ def test_draws_of_tuning_stay_in_their_ranges():
             assert values[name].std() > 0.2 * (high - low) / 2
 
 
-def test_tuning_is_not_done_twice(tmp_path, monkeypatch):
+def test_tuning_is_not_done_twice(tmp_path, monkeypatch, capsys):
     tuned = []
 
     def fake(algo, options, console):
         tuned.append(algo)
-        trial = {"hyper": {"discount": 0.9}, "success": {"narrow": 0.5}, "score": 0.5, "broken": None}
-        return {"best": trial["hyper"], "score": 0.5, "trials": [trial] * options.trials, "device": "none"}
+        base = preset("quick", algo)
+        hyper = {name: base.hyper[name] for name in tune.SPACES[algo]}
+        trial = {"hyper": hyper, "success": {"narrow": 0.5}, "score": 0.5, "broken": None}
+        return {
+            "best": hyper, "trials": [trial] * options.trials, "device": "none", "agent": to_json(base.agent),
+            "train": to_json(base.train),
+        }  # fmt: skip
 
     monkeypatch.setattr(tune, "tune", fake)
     tune.main(["--out", str(tmp_path), "--trials", "2"])
@@ -230,4 +235,10 @@ def test_tuning_is_not_done_twice(tmp_path, monkeypatch):
     assert len(tuned) == 4
     with pytest.raises(SystemExit):
         tune.main(["--out", str(tmp_path), "--trials", "3"])
-    assert tmp_path != scene_study.RESULTS
+    assert "trials differ" in capsys.readouterr().err
+    stored = json.loads((tmp_path / "tuning.json").read_text())
+    stored["algorithms"]["td3"]["agent"]["batch"] = 7
+    (tmp_path / "tuning.json").write_text(json.dumps(stored))
+    with pytest.raises(SystemExit):
+        tune.main(["--out", str(tmp_path), "--trials", "2"])
+    assert "another td3 (agent.batch differ)" in capsys.readouterr().err and len(tuned) == 4
