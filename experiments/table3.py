@@ -5,7 +5,7 @@ python experiments/table3.py --help
 
 import tables
 
-METHODS = ("HSAC", "HSAC without language", "HSAC muted")
+METHODS = ("HSAC", "HSAC muted", "HSAC without language")
 
 
 def main(arguments=None):
