@@ -123,10 +123,12 @@ def own_features(observation):
 
 
 def known(observation):
-    """`[..., K, 1]`: 1 for pedestrians who are seen or speak, 0 for rows of nobody, which must not count."""
+    """`[..., K, 1]`: 1 for pedestrians who are seen or in dialogue, 0 for rows of nobody, which must not count."""
     dialogue = observation.dialogue
-    speaks = dialogue.is_open.astype(bool) | (dialogue.utterance != 0) | (dialogue.message != 0)
-    return (observation.seen | speaks | (dialogue.request != 0))[..., None].astype(jnp.float32)
+    there = (dialogue.is_open != 0) | (dialogue.utterance != 0) | (dialogue.message != 0) | (dialogue.request != 0)
+    if observation.seen is not None:  # None of an observation without a list of pedestrians
+        there |= observation.seen
+    return there[..., None].astype(jnp.float32)
 
 
 class LidarEncoder(nn.Module):
