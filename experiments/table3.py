@@ -1,11 +1,11 @@
-"""Table III: with and without language, and the same robot muted.
+"""Table III: with and without language, the same robot muted, and told what is meant instead of hearing it said.
 
 python experiments/table3.py --help
 """
 
 import tables
 
-METHODS = ("HSAC", "HSAC muted", "HSAC without language")
+METHODS = ("HSAC", "HSAC muted", "HSAC told what is meant", "HSAC without language")
 
 
 def main(arguments=None):

@@ -19,6 +19,7 @@ import report
 import scene_study
 from rich.console import Console
 
+from jaxnav.agents.networks import message_codes
 from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
@@ -43,12 +44,19 @@ SUITE_OF = {scene: suite for suite in ("parity", "hard") for scene in SUITES[sui
 
 
 class Method(NamedTuple):
-    """A row's robot. algo: its learner; codes, hears: of its training; voice: whether it speaks when it is played."""
+    """A row's robot. algo: its learner; codes, hears: of its training; voice, told: whether it speaks when it is
+    played, and whether it is told what is meant instead of hearing it said."""
 
     algo: str
     codes: int = 4
     hears: bool = True
     voice: bool = True
+    told: bool = False
+
+    @property
+    def plays(self):
+        """Name of the file of its plays."""
+        return "told" if self.told else "played" if self.voice else "muted"
 
     @property
     def training(self):
@@ -63,6 +71,7 @@ METHODS = {
     "HSAC, 2 codes": Method("hsac", codes=2),
     "HSAC without language": Method("hsac", codes=1, hears=False),
     "HSAC muted": Method("hsac", voice=False),
+    "HSAC told what is meant": Method("hsac", told=True),
     "TD3": Method("td3"),
     "PPO": Method("ppo"),
     "A2C": Method("a2c"),
@@ -279,14 +288,14 @@ class Study:
         for index, scene in enumerate(group):
             for budget, (_, episodes) in options.blocks_of(method).items():
                 folder = options.runs / f"{method.training}-{scene}-{budget}"
-                played = folder / ("played.npz" if method.voice else "muted.npz")
+                played = folder / f"{method.plays}.npz"
                 if not played.exists():
                     if (scene, name, budget) in self._kept:
                         yield self._kept[scene, name, budget]
                         continue
                     if not options.asked(scene):
                         continue
-                    programs = programs or _Programs(config, options.seeds)
+                    programs = programs or _Programs(config, options.seeds, method.told)
                     if not (folder / "training.json").exists():
                         self._train(programs, method, scene, index)
                     _training(folder, self._identity(config))
@@ -345,10 +354,9 @@ class Study:
             for i in range(options.seeds)
         ]
         whole = EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))
-        name = "played" if method.voice else "muted"
-        self._save(folder / f"{name}.npz", whole)
+        self._save(folder / f"{method.plays}.npz", whole)
         self.console.print(
-            f"{folder.name}, {name}: success {' '.join(f'{rate:.4f}' for rate in whole.arrived.mean(1))}"
+            f"{folder.name}, {method.plays}: success {' '.join(f'{rate:.4f}' for rate in whole.arrived.mean(1))}"
         )
 
     def _scripted(self, robot, scene):
@@ -400,7 +408,7 @@ class Study:
                 continue
             broken = _training(folder, self._identity(config))["broken"]
             if None in broken:
-                programs = programs or _Programs(config, self.options.seeds)
+                programs = programs or _Programs(config, self.options.seeds, method.told)
                 actor = member(programs.policies(folder), broken.index(None))
                 policy_params = actor, method.voice, programs.spoken
                 episodes += programs.player.record(policy_params, index, self.options.seed)
@@ -421,12 +429,18 @@ def _draw(folder, name, world, params, episodes):
 class _Programs:
     """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
 
-    def __init__(self, config, seeds):
+    def __init__(self, config, seeds, told=False):
         self.agent = make_agent(config)
         self.population = Population(config, self.agent, seeds)
-        self.player = Player(self.population.world, config.world.params, make_policy(self.agent))
+        policy = self._told if told else make_policy(self.agent)
+        self.player = Player(self.population.world, config.world.params, policy)
         self.spoken = self.agent.spoken("test")
         self._like = None
+
+    def _told(self, policy_params, state, world, params):
+        """A policy that knows which message a sentence stands for."""
+        observation = world.observe(state, params)
+        return self.agent.answer(policy_params[0], observation, message_codes(observation.dialogue))
 
     def policies(self, folder):
         """The policies `[seeds]` that a training left behind."""

@@ -24,7 +24,7 @@ class FakePrograms:
 
     done: list
 
-    def __init__(self, config, seeds):
+    def __init__(self, config, seeds, told=False):
         self.config, self.seeds, self.spoken = config, seeds, None
         self.population = self
         FakePrograms.done.append(("compile", config.algo, config.agent.encoder))
