@@ -224,7 +224,8 @@ class PPO:
     def _actor_loss(self, log_density, part, hyper):
         """-min(ratio A, clipped ratio A), advantages normalised."""
         advantage = normalised(part["advantage"])
-        ratio = jnp.exp(log_density - part["log_density"])
+        # Bounded where the clip decides anyway: exp of more would be infinite, and its gradient not a number.
+        ratio = jnp.exp(jnp.clip(log_density - part["log_density"], -20.0, 20.0))
         clipped = jnp.clip(ratio, 1.0 - hyper.clip, 1.0 + hyper.clip)
         return -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
 

@@ -29,23 +29,27 @@ def blank_observation(may_request=True, shape=()):
 
 
 def random_observation(rng, shape=()):
-    """An `Observation` `[*shape, ...]` of everything at once: people, some of them seen, who speak and are asked."""
+    """An `Observation` `[*shape, ...]` of everything at once: people, some of them seen, who speak and are asked; and
+    rows of nobody, which are zero."""
     people = (*shape, PEOPLE)
     below = {
         "is_open": 2, "pedestrian_first": 2, "message": 4, "message_age": 15, "request": 4, "request_age": 15,
-        "reply": 3,
+        "reply": 3, "utterance": 2**32,
     }  # fmt: skip
+    somebody, seen = rng.random(people) < 0.75, rng.random(people) < 0.7
+    dialogue = {
+        name: (somebody * rng.integers(0, end, people)).astype(np.uint32 if name == "utterance" else np.int32)
+        for name, end in below.items()
+    }
+    pedestrians = rng.normal(size=(*people, 4)) * [2.0, 2.0, 0.5, 0.5]
     return Observation(
         pose=np.float32(rng.normal(size=(*shape, 3, 3)) * [3.0, 3.0, 1.0]),
         twist=np.float32(rng.uniform(-1.0, 1.0, (*shape, 2))),
         may_request=rng.random(shape) < 0.6,
         scan=np.float32(rng.uniform(0.1, 6.0, (*shape, BEAMS))),
-        pedestrians=np.float32(rng.normal(size=(*people, 4)) * [2.0, 2.0, 0.5, 0.5]),
-        seen=rng.random(people) < 0.7,
-        dialogue=ObservedDialogue(
-            utterance=rng.integers(0, 2**32, people, dtype=np.uint32),
-            **{name: rng.integers(0, end, people, dtype=np.int32) for name, end in below.items()},
-        ),
+        pedestrians=np.float32(pedestrians * (somebody & seen)[..., None]),
+        seen=somebody & seen,
+        dialogue=ObservedDialogue(**dialogue),
     )
 
 

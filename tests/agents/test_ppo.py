@@ -223,3 +223,9 @@ def test_a_bandit_is_learnt(learner, blank_observation):
 def test_bad_sizes_name_the_field(field, value):
     with pytest.raises(ValueError, match=f"agent.{field}.*(choose|give)"):
         PPOConfig(**{field: value})
+
+
+def test_twists_that_have_become_impossible_leave_numbers_finite():
+    part = {"advantage": jnp.array([1.0, -1.0, 2.0]), "log_density": jnp.array([-800.0, 800.0, 0.0])}
+    loss, slope = jax.value_and_grad(PPO()._actor_loss)(jnp.zeros(3), part, PPOHyperparameters())
+    assert np.isfinite(loss) and np.isfinite(slope).all()

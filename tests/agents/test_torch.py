@@ -136,7 +136,7 @@ def test_hsac(options, blank_observation, random_batch):
 
 # The actor's slope is small: its step is made as large as the others'.
 TD3_HYPER = TD3Hyperparameters(
-    actor_lr=20.0, critic_lr=0.5, discount=0.9, tau=0.3, target_noise=0.4, target_noise_clip=0.5, reward_scale=1.5
+    actor_lr=20.0, critic_lr=0.5, discount=0.9, tau=0.3, target_noise=1.0, target_noise_clip=0.8, reward_scale=1.5
 )
 
 

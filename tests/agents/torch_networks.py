@@ -83,14 +83,15 @@ def features(p, seen):
     scan = mlp(p["MLP_0"], torch.cat([torch.exp(-seen.scan / 2), torch.exp(-4 * nearest)], dim=-1))
 
     place, velocity, talk = seen.pedestrians[..., :2], seen.pedestrians[..., 2:], seen.dialogue
-    distance = place.norm(dim=-1, keepdim=True)
+    distance = place.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    somebody = seen.seen + talk.is_open + talk.utterance + talk.message + talk.request > 0
     ages = torch.stack([talk.message_age, talk.request_age], dim=-1).clamp(max=10) / 10
     people = [
         seen.seen[..., None], place / 4, place / distance, distance.clamp(max=2) / 2, 2 * velocity,
         torch.stack([talk.is_open, talk.pedestrian_first], dim=-1), ages,
         one_hot(talk.message, 4)[..., 1:], one_hot(talk.request, 4), one_hot(talk.reply, 3),
     ]  # fmt: skip
-    crowd = mlp(p["MLP_1"], torch.cat(people, dim=-1)).sum(dim=-2)
+    crowd = (mlp(p["MLP_1"], torch.cat(people, dim=-1)) * somebody[..., None]).sum(dim=-2)
 
     goal, turned = seen.pose[..., 2, :2], seen.pose[..., 2, 2:]
     away = goal.norm(dim=-1, keepdim=True)
