@@ -94,7 +94,7 @@ class Options:
         seeds: robots of each method in each scene, trained at once.
         episodes: played with each of them; 500, as in the paper, with baselines after the first block.
         converged: environment steps of the second block; the first has the paper's 128,000.
-        suite: parity, hard or both: what to train and play now; the table shows whatever is there.
+        suite: parity, hard, both or none: what to train and play now; the table shows whatever is there.
         seed: of the episodes, the same for all robots; no training and no tuning has seen them.
         runs: folder of trainings and plays, which the tables share.
         out: folder of the results.
@@ -114,8 +114,8 @@ class Options:
                 raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
         if self.converged <= PAPER_STEPS or self.converged % PAPER_STEPS:
             raise UserError(f"--converged is {self.converged}: give a multiple of {PAPER_STEPS} above it")
-        if self.suite not in ("both", "parity", "hard"):
-            raise UserError(f"--suite {self.suite!r} is unknown: choose both, parity or hard")
+        if self.suite not in ("both", "parity", "hard", "none"):
+            raise UserError(f"--suite {self.suite!r} is unknown: choose both, parity, hard or none")
 
     @property
     def budgets(self):

@@ -110,6 +110,8 @@ def test_pairs_are_of_the_same_seeds_and_episodes():
 def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp_path):
     run(table1, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     first = list(FakePrograms.done)
+    again = run(table1, "--seeds", "2", "--episodes", "20", "--suite", "none")
+    assert FakePrograms.done == first and len(again["rows"]) == 3 * 4 * 2
     whole = run(table1, "--seeds", "2", "--episodes", "20")
     later = FakePrograms.done[len(first) :]
     assert {what[2] for what in later if what[0] == "train"} == set(tables.GROUPS[1] + tables.GROUPS[2])
