@@ -154,7 +154,7 @@ def test_histories_are_newest_first():
 @pytest.mark.parametrize("value", [3.0, 0.5, -1.0])
 def test_latencies_that_are_no_steps_of_the_history_are_refused(name, longest, value):
     config = WorldConfig(scan_delay=2, control_delay=2)
-    remedy = rf"world\.params\.{name} is {value}: give a whole number of steps from 0 to world\.{longest}, which is 2"
+    remedy = rf"world\.params\.{name} is {value}: give a whole number from 0 to world\.{longest}, which is 2"
     with pytest.raises(ValueError, match=remedy):
         World(config).reset(jax.random.key(0), Params(**{name: value}))
     with pytest.raises(ValueError, match=name):  # one of a batch

@@ -47,11 +47,11 @@ RANGES = {
     **{name: (-1000.0, 1000.0) for name in Params.__dataclass_fields__ if name.startswith("reward_")},
     "safe_distance": (0.0, 20.0), "comfort_distance": (0.0, 20.0),
 }  # fmt: skip
-LATENCIES = {"scan_latency": "scan_delay", "control_latency": "control_delay"}
+WHOLE = {"scan_latency": "scan_delay", "control_latency": "control_delay", "crowd_size": "pedestrians"}
 
 
 def test_every_parameter_is_drawn():
-    assert {*RANGES, *LATENCIES, "preferred_speed"} == set(Params.__dataclass_fields__)
+    assert {*RANGES, *WHOLE, "preferred_speed"} == set(Params.__dataclass_fields__)
 
 
 @st.composite
@@ -61,7 +61,7 @@ def random_params(draw, config):
     for name, (low, high) in RANGES.items():
         if draw(st.booleans()):
             chosen[name] = draw(st.floats(float(np.float32(low)), float(np.float32(high)), width=32))
-    for name, longest in LATENCIES.items():
+    for name, longest in WHOLE.items():
         chosen[name] = float(draw(st.integers(0, getattr(config, longest))))
     speed = Params().replace(**chosen).max_speed
     chosen["preferred_speed"] = draw(st.one_of(st.just(speed), st.floats(0.0, speed, width=32)))
@@ -154,8 +154,9 @@ def assert_states(played, config, params):
     for leaf in (states.scene, states.seed, people.present, people.goal_x, states.fates.first):
         np.testing.assert_array_equal(leaf, np.broadcast_to(leaf[:, :1], leaf.shape))
 
-    # Who is there: of the scene's crowd as many as the world has slots for, first slots first.
-    crowds = np.array([SCENES[scene].crowd or (config.pedestrians,) * 2 for scene in config.scenes])
+    # Who is there: of the scene's crowd as many as the world has slots for, first slots first; else as many as asked.
+    usual = int(params.crowd_size) or config.pedestrians
+    crowds = np.array([SCENES[scene].crowd or (usual, usual) for scene in config.scenes])
     count = people.present.sum(axis=-1)
     fewest, most = np.minimum(crowds, config.pedestrians)[states.scene].transpose(2, 0, 1)
     assert np.all((fewest <= count) & (count <= most))
