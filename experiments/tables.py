@@ -10,77 +10,27 @@ import json
 import math
 import pathlib
 import time
-from typing import NamedTuple
 
+import cells
 import jax
-import jax.numpy as jnp
 import numpy as np
 import report
 import scene_study
 from rich.console import Console
 
-from jaxnav.agents.networks import message_codes
-from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
-from jaxnav.training.config import PRESETS, differences, make_agent, preset, resolve, to_json
-from jaxnav.training.evaluation import episode_keys, make_policy
-from jaxnav.training.population import Population, member
+from jaxnav.training.config import PRESETS, differences, to_json
+from jaxnav.training.population import member
 from jaxnav.training.provenance import provenance
-from jaxnav.training.rollout import EpisodeSummary, play, record
+from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import SUITES, default_params
 
 PAPER_STEPS, PAPER_EPISODES = 128_000, 500
-BLOCK = 500  # episodes played at once
-DRAWN = 6  # episodes of each scene in the figure of a method's trajectories
-TUNED = scene_study.RESULTS / "tuning.json"
-
-# Scenes whose robots share a compiled program: those of one number of pedestrians.
-GROUPS = (SUITES["parity"], ("narrow", "doorway", "corner"), ("crossflow",))
 TABLES = ("table1", "table2", "table3")
 # Fields of a result's configuration that decide on what was played, beside its methods.
 PLAYED = ("episodes", "episode_seed", "budgets", "embeddings")
 SUITE_OF = {scene: suite for suite in ("parity", "hard") for scene in SUITES[suite]}
-
-
-class Method(NamedTuple):
-    """A row's robot. algo: its learner; codes, hears: of its training; voice, told: whether it speaks when it is
-    played, and whether it is told what is meant instead of hearing it said."""
-
-    algo: str
-    codes: int = 4
-    hears: bool = True
-    voice: bool = True
-    told: bool = False
-
-    @property
-    def plays(self):
-        """Name of the file of its plays."""
-        return "told" if self.told else "played" if self.voice else "muted"
-
-    @property
-    def training(self):
-        """Name of its training, which robots may share that differ only when they are played."""
-        parts = [self.algo, f"{self.codes}-codes" if self.algo == "hsac" else "", "" if self.hears else "deaf"]
-        return "-".join(part for part in parts if part)
-
-
-MAIN = "HSAC"
-METHODS = {
-    MAIN: Method("hsac"),
-    "HSAC, 2 codes": Method("hsac", codes=2),
-    "HSAC without language": Method("hsac", codes=1, hears=False),
-    "HSAC muted": Method("hsac", voice=False),
-    "HSAC told what is meant": Method("hsac", told=True),
-    "TD3": Method("td3"),
-    "PPO": Method("ppo"),
-    "A2C": Method("a2c"),
-}
-SCRIPTED = {
-    "straight line": (straight_line, None),
-    "ORCA": (orca_robot, None),
-    "planner": (planner, Tongue(jnp.bool_(True), jnp.bool_(True))),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +74,7 @@ class Options:
 
     def blocks_of(self, method):
         """{block: (environment steps, episodes played)} of a method: ablations are compared at the paper's steps."""
-        ablation = method.algo == "hsac" and method.training != METHODS[MAIN].training
+        ablation = method.algo == "hsac" and method.training != cells.METHODS[cells.MAIN].training
         episodes = self.episodes if method.algo == "hsac" else min(self.episodes, PAPER_EPISODES)
         blocks = {"paper": (PAPER_STEPS, episodes), "converged": (self.converged, self.episodes)}
         return {"paper": blocks["paper"]} if ablation else blocks
@@ -134,59 +84,12 @@ class Options:
         return self.suite in ("both", SUITE_OF[scene])
 
 
-def tuned_hyperparameters(algo):
-    """What tuning chose for an algorithm; UserError: it was not tuned."""
-    try:
-        return json.loads(TUNED.read_text())["algorithms"][algo]["best"]
-    except (OSError, ValueError, KeyError) as error:
-        raise UserError(f"{TUNED} says nothing of {algo} ({error!r}): run python experiments/tune.py") from None
-
-
-def configuration(options, method, scenes):
-    """The `RunConfig` of a method in scenes that share a program; its seed and scene are those of nobody."""
-    base = preset("quick", method.algo)
-    world = dataclasses.replace(base.world.of_scenes(scenes), hearing=method.hears)
-    agent = base.agent
-    if method.algo == "hsac":
-        agent = dataclasses.replace(agent, codes=method.codes, language="phrases" if method.hears else "codes")
-    hyper = base.hyper.replace(**tuned_hyperparameters(method.algo))
-    train = dataclasses.replace(base.train, total_steps=options.converged // base.train.episodes)
-    return resolve(dataclasses.replace(base, world=world, agent=agent, hyper=hyper, train=train))
-
-
-class Player:
-    """Plays one policy in any of some scenes, through one compiled program."""
-
-    def __init__(self, world, params, policy):
-        self._limit = math.ceil(float(params.max_steps))
-        self._world, self._params, self._policy = world, params, policy
-
-        def block(policy_params, scene, seed, first):
-            keys = episode_keys(seed, first + jnp.arange(BLOCK))
-            return play(world, params, policy, policy_params, keys, jnp.full(BLOCK, scene), self._limit)
-
-        self._block = jax.jit(block)
-
-    def __call__(self, policy_params, scene, seed, episodes):
-        """`EpisodeSummary` `[episodes]` of the scene with that index."""
-        blocks = [
-            jax.device_get(self._block(policy_params, np.int32(scene), np.uint32(seed), first))
-            for first in range(0, episodes, BLOCK)
-        ]
-        return EpisodeSummary(*(np.concatenate(leaves)[:episodes] for leaves in zip(*blocks, strict=True)))
-
-    def record(self, policy_params, scene, seed):
-        """The first `Episode`s that it plays there."""
-        keys = episode_keys(seed, jnp.arange(DRAWN))
-        return record(self._world, self._params, self._policy, policy_params, keys, jnp.full(DRAWN, scene), self._limit)
-
-
 class Study:
     """The trainings and plays of one table, done as far as they are missing."""
 
     def __init__(self, options, methods):
         self.options = options
-        self.methods = {name: METHODS[name] for name in methods}
+        self.methods = {name: cells.METHODS[name] for name in methods}
         self.console = Console(stderr=True)
         self._where = provenance()  # of the code that runs, whatever is committed meanwhile
         scene_study.make_folder(options.runs, "--runs")
@@ -224,10 +127,10 @@ class Study:
         return result
 
     def _all_rows(self):
-        for group in GROUPS:
+        for group in cells.GROUPS:
             for method in self.methods:
                 yield from self._cells(method, group)
-            yield from (row for robot in SCRIPTED for scene in group if (row := self._scripted(robot, scene)))
+            yield from (row for robot in cells.SCRIPTED for scene in group if (row := self._scripted(robot, scene)))
 
     def _rows_kept(self, name):
         """Rows of all tables in the folder of results that were played by the same methods in the same way."""
@@ -243,7 +146,7 @@ class Study:
             for row in stored["rows"] if same else ():
                 method = row["method"]
                 theirs, ours = (c["methods"].get(method) for c in (stored["config"], config))
-                if method in SCRIPTED or (method in self.methods and not differences(theirs, _plain(ours))):
+                if method in cells.SCRIPTED or (method in self.methods and not differences(theirs, _plain(ours))):
                     kept[row["scene"], method, row["budget"]] = row
         return kept
 
@@ -253,7 +156,8 @@ class Study:
             "episodes": options.episodes, "episode_seed": options.seed, "budgets": options.budgets,
             "embeddings": default_table().fingerprint,
             "methods": {
-                name: self._identity(configuration(options, method, GROUPS[0])) for name, method in self.methods.items()
+                name: self._identity(cells.configuration(method, cells.GROUPS[0], options.converged))
+                for name, method in self.methods.items()
             },
         }  # fmt: skip
 
@@ -283,7 +187,7 @@ class Study:
     def _cells(self, name, group):
         """The rows of a method in each scene and budget of a group."""
         options, method = self.options, self.methods[name]
-        config = configuration(options, method, group)
+        config = cells.configuration(method, group, options.converged)
         programs = None
         for index, scene in enumerate(group):
             for budget, (_, episodes) in options.blocks_of(method).items():
@@ -295,7 +199,7 @@ class Study:
                         continue
                     if not options.asked(scene):
                         continue
-                    programs = programs or _Programs(config, options.seeds, method.told)
+                    programs = programs or cells.Programs(config, options.seeds, method.told)
                     if not (folder / "training.json").exists():
                         self._train(programs, method, scene, index)
                     _training(folder, self._identity(config))
@@ -308,7 +212,7 @@ class Study:
                     "suite": SUITE_OF[scene], "scene": scene, "method": name, "budget": budget,
                     "env_steps": meta["env_steps"], "seeds": good, "encoder": config.agent.encoder,
                     "excluded": {str(i): step for i, step in enumerate(meta["broken"]) if step is not None},
-                    "episodes": episodes, **measures(summary), "train_seconds": meta["seconds"],
+                    "episodes": episodes, **cells.measures(summary), "train_seconds": meta["seconds"],
                     "commit": meta["commit"], "arrived": packed(summary.arrived),
                 }  # fmt: skip
 
@@ -348,12 +252,7 @@ class Study:
     def _play(self, programs, folder, method, index, episodes):
         """Play all seeds of a training."""
         options = self.options
-        policies = programs.policies(folder)
-        plays = [
-            programs.player((member(policies, i), method.voice, programs.spoken), index, options.seed, episodes)
-            for i in range(options.seeds)
-        ]
-        whole = EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))
+        whole = programs.play(programs.policies(folder), method, index, options.seed, episodes)
         self._save(folder / f"{method.plays}.npz", whole)
         self.console.print(
             f"{folder.name}, {method.plays}: success {' '.join(f'{rate:.4f}' for rate in whole.arrived.mean(1))}"
@@ -367,9 +266,9 @@ class Study:
                 return self._kept[scene, robot, "none"]
             if not options.asked(scene):
                 return None
-            policy, policy_params = SCRIPTED[robot]
+            policy, policy_params = cells.SCRIPTED[robot]
             world = PRESETS["quick"].world.of_scenes((scene,))
-            player = Player(world.world(), default_params((scene,)), policy)
+            player = cells.Player(world.world(), default_params((scene,)), policy)
             summary = player(policy_params, 0, options.seed, options.seeds * options.episodes)
             self._save(path, summary)
             self.console.print(f"{robot} {scene}: success {summary.arrived.mean():.4f}")
@@ -377,7 +276,7 @@ class Study:
         summary = EpisodeSummary(*(leaf[None] for leaf in summary))
         return {
             "suite": SUITE_OF[scene], "scene": scene, "method": robot, "budget": "none", "env_steps": 0, "seeds": [],
-            "excluded": {}, "episodes": summary.arrived.shape[1], **measures(summary), "train_seconds": 0,
+            "excluded": {}, "episodes": summary.arrived.shape[1], **cells.measures(summary), "train_seconds": 0,
             "commit": self._where["git_commit"],
         }  # fmt: skip
 
@@ -386,29 +285,29 @@ class Study:
         a figure for each and each group of scenes."""
         folder = self.options.out / "trajectories"
         scene_study.make_folder(folder)
-        for group in GROUPS:
+        for group in cells.GROUPS:
             world, params = PRESETS["quick"].world.of_scenes(group).world(), default_params(group)
             for name, method in self.methods.items():
                 episodes = self._recorded(method, group)
                 if episodes:
                     _draw(folder, name, world, params, episodes)
-            for name, (policy, policy_params) in SCRIPTED.items():
+            for name, (policy, policy_params) in cells.SCRIPTED.items():
                 asked = [i for i, scene in enumerate(group) if self.options.asked(scene)]
                 if asked and not _figure(folder, name, group).exists():
-                    player = Player(world, params, policy)
+                    player = cells.Player(world, params, policy)
                     episodes = [e for i in asked for e in player.record(policy_params, i, self.options.seed)]
                     _draw(folder, name, world, params, episodes)
 
     def _recorded(self, method, group):
         """Episodes of a method in those scenes of a group for which its trainings are at hand."""
-        config, episodes, programs = configuration(self.options, method, group), [], None
+        config, episodes, programs = cells.configuration(method, group, self.options.converged), [], None
         for index, scene in enumerate(group):
             folder = self.options.runs / f"{method.training}-{scene}-{list(self.options.blocks_of(method))[-1]}"
             if not (folder / "training.json").exists():
                 continue
             broken = _training(folder, self._identity(config))["broken"]
             if None in broken:
-                programs = programs or _Programs(config, self.options.seeds, method.told)
+                programs = programs or cells.Programs(config, self.options.seeds, method.told)
                 actor = member(programs.policies(folder), broken.index(None))
                 policy_params = actor, method.voice, programs.spoken
                 episodes += programs.player.record(policy_params, index, self.options.seed)
@@ -423,53 +322,7 @@ def _draw(folder, name, world, params, episodes):
     from jaxnav.render import figures
 
     path = _figure(folder, name, [scene.name for scene in world.scenes])
-    figures.trajectories(world, episodes, path, params, DRAWN)
-
-
-class _Programs:
-    """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
-
-    def __init__(self, config, seeds, told=False):
-        self.agent = make_agent(config)
-        self.population = Population(config, self.agent, seeds)
-        policy = self._told if told else make_policy(self.agent)
-        self.player = Player(self.population.world, config.world.params, policy)
-        self.spoken = self.agent.spoken("test")
-        self._like = None
-
-    def _told(self, policy_params, state, world, params):
-        """A policy that knows which message a sentence stands for."""
-        observation = world.observe(state, params)
-        return self.agent.answer(policy_params[0], observation, message_codes(observation.dialogue))
-
-    def policies(self, folder):
-        """The policies `[seeds]` that a training left behind."""
-        if self._like is None:
-            population = self.population
-            start = jax.eval_shape(lambda: population.start(range(population.members), population.config.hyper))
-            self._like = jax.tree.structure(self.agent.policy(start.learner))
-        stored = np.load(folder / "policies.npz")
-        return jax.tree.unflatten(self._like, [stored[name] for name in sorted(stored.files)])
-
-
-def measures(summary):
-    """The seven metrics of plays `[seeds, episodes]`, as `report.measure` gives them."""
-    arrived, episodes = summary.arrived, summary.arrived.shape[1]
-
-    def where_arrived(values):
-        return [float(v[a].mean()) if a.any() else None for v, a in zip(values, arrived, strict=True)]
-
-    rates = {
-        "success": arrived, "collision": summary.collided, "human_collision": summary.hit_pedestrian,
-        "timeout": summary.truncated,
-    }  # fmt: skip
-    comfort = summary.comfortable_steps.sum(axis=1) / summary.steps.sum(axis=1)
-    return {
-        **{name: report.measure(rate.mean(axis=1).tolist(), episodes) for name, rate in rates.items()},
-        "comfort": report.measure(comfort.tolist()),
-        "steps": report.measure(where_arrived(summary.steps)),
-        "min_distance": report.measure(where_arrived(summary.min_distance)),
-    }
+    figures.trajectories(world, episodes, path, params, cells.DRAWN)
 
 
 def packed(arrived):

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import cells
 import numpy as np
 import pytest
 import report
@@ -16,16 +17,17 @@ from jaxnav.training.config import preset, to_json
 from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary
 
-SCENES = [scene for group in tables.GROUPS for scene in group]
+SCENES = [scene for group in cells.GROUPS for scene in group]
 
 
 class FakePrograms:
     """Trains and plays nothing: success depends on algorithm, scene and voice; seed 1 of TD3 breaks."""
 
     done: list
+    play = cells.Programs.play
 
     def __init__(self, config, seeds, told=False):
-        self.config, self.seeds, self.spoken = config, seeds, None
+        self.config, self.members, self.spoken = config, seeds, None
         self.population = self
         FakePrograms.done.append(("compile", config.algo, config.agent.encoder))
 
@@ -34,8 +36,8 @@ class FakePrograms:
         return scene
 
     def train(self, loop, hyper, steps, report, before):
-        breaks = [None, 6400 if self.config.algo == "td3" else None, *[None] * (self.seeds - 2)]
-        policies = np.arange(self.seeds, dtype=np.float32)
+        breaks = [None, 6400 if self.config.algo == "td3" else None, *[None] * (self.members - 2)]
+        policies = np.arange(self.members, dtype=np.float32)
         return loop, Trained(env_steps=steps * self.config.train.episodes, policies=policies, broken=tuple(breaks))
 
     def policies(self, folder):
@@ -56,14 +58,14 @@ class FakePrograms:
 def run(monkeypatch, tmp_path):
     """A function (program, *arguments) that runs it in a folder of its own."""
     FakePrograms.done = []
-    monkeypatch.setattr(tables, "_Programs", FakePrograms)
+    monkeypatch.setattr(cells, "Programs", FakePrograms)
     monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
     monkeypatch.setattr(report, "draw", lambda result, path: path.write_bytes(b"png"))
     monkeypatch.setattr(tables, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
-    monkeypatch.setattr(tables, "SCRIPTED", {})
+    monkeypatch.setattr(cells, "SCRIPTED", {})
     tuned = {"algorithms": {algo: {"best": {"discount": 0.96}} for algo in ("hsac", "td3", "ppo", "a2c")}}
     (tmp_path / "tuning.json").write_text(json.dumps(tuned))
-    monkeypatch.setattr(tables, "TUNED", tmp_path / "tuning.json")
+    monkeypatch.setattr(cells, "TUNED", tmp_path / "tuning.json")
 
     def run(program, *arguments):
         program.main(["--out", str(tmp_path / "out"), "--runs", str(tmp_path / "runs"), *arguments])
@@ -80,7 +82,7 @@ def test_every_method_scene_and_budget_has_a_row(run):
     assert {row["env_steps"] for row in result["rows"] if row["budget"] == "paper"} == {128_000}
     trained = [what for what in FakePrograms.done if what[0] == "train"]
     assert len(trained) == len(set(trained)) == len(SCENES) * len(table1.METHODS)  # both budgets are one training
-    assert len([what for what in FakePrograms.done if what[0] == "compile"]) == len(tables.GROUPS) * 4
+    assert len([what for what in FakePrograms.done if what[0] == "compile"]) == len(cells.GROUPS) * 4
     assert result["commit"] == "abc" and result["config"]["methods"]["HSAC"]["hyper"]["discount"] == 0.96
     hsac = next(row for row in result["rows"] if row["method"] == "HSAC")
     assert hsac["success"]["per_seed"] == [0.9] * 3 and hsac["comfort"]["mean"] == 0.75
@@ -114,7 +116,7 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
     assert FakePrograms.done == first and len(again["rows"]) == 3 * 4 * 2
     whole = run(table1, "--seeds", "2", "--episodes", "20")
     later = FakePrograms.done[len(first) :]
-    assert {what[2] for what in later if what[0] == "train"} == set(tables.GROUPS[1] + tables.GROUPS[2])
+    assert {what[2] for what in later if what[0] == "train"} == set(cells.GROUPS[1] + cells.GROUPS[2])
     assert len(whole["rows"]) == len(SCENES) * 4 * 2
     assert {(row["budget"], row["episodes"]) for row in whole["rows"]} == {("paper", 20), ("converged", 20)}
     FakePrograms.done = []
@@ -147,11 +149,11 @@ def test_rows_alone_carry_on_where_trainings_are_gone(run, tmp_path):
     result = run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert {what[:2] for what in FakePrograms.done if what[0] == "train"} == {("train", "hsac")}
     assert len([what for what in FakePrograms.done if what[0] == "train"]) == 3  # of 2 codes alone
-    assert {pair["scene"] for pair in result["pairs"]} == set(tables.GROUPS[0])
+    assert {pair["scene"] for pair in result["pairs"]} == set(cells.GROUPS[0])
     shutil.rmtree(tmp_path / "runs")
     FakePrograms.done = []
     whole = run(table1, "--seeds", "2", "--episodes", "20")
-    assert {what[2] for what in FakePrograms.done if what[0] == "train"} == set(tables.GROUPS[1] + tables.GROUPS[2])
+    assert {what[2] for what in FakePrograms.done if what[0] == "train"} == set(cells.GROUPS[1] + cells.GROUPS[2])
     assert len(whole["rows"]) == len(SCENES) * 4 * 2
 
 
@@ -190,9 +192,9 @@ def test_results_of_another_configuration_are_not_mixed(run, capsys, tmp_path):
 
 def test_trainings_of_another_configuration_are_not_used(run, capsys, tmp_path):
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
-    tuned = json.loads(tables.TUNED.read_text())
+    tuned = json.loads(cells.TUNED.read_text())
     tuned["algorithms"]["hsac"]["best"]["discount"] = 0.5
-    tables.TUNED.write_text(json.dumps(tuned))
+    cells.TUNED.write_text(json.dumps(tuned))
     (tmp_path / "out" / "table2.json").unlink()
     line = refused(run, capsys, table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert "training.json is of another configuration (hyper.discount differ)" in line and "--runs" in line
@@ -204,7 +206,7 @@ def test_an_algorithm_without_codes_is_refused_for_table_2(run, capsys, monkeypa
 
 
 def test_untuned_algorithms_are_named(run, capsys):
-    tables.TUNED.unlink()
+    cells.TUNED.unlink()
     assert "python experiments/tune.py" in refused(run, capsys, table1)
 
 

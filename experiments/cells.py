@@ -1,0 +1,172 @@
+"""The robots of the tables' cells: what each method is, trained all seeds at once in a scene, played, and measured."""
+
+import dataclasses
+import json
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import report
+import scene_study
+
+from jaxnav.agents.networks import message_codes
+from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.errors import UserError
+from jaxnav.training.config import make_agent, preset, resolve
+from jaxnav.training.evaluation import episode_keys, make_policy
+from jaxnav.training.population import Population, member
+from jaxnav.training.rollout import EpisodeSummary, play, record
+from jaxnav.world import SUITES
+
+BLOCK = 500  # episodes played at once
+DRAWN = 6  # episodes of each scene in the figure of a method's trajectories
+TUNED = scene_study.RESULTS / "tuning.json"
+
+# Scenes whose robots share a compiled program: those of one number of pedestrians.
+GROUPS = (SUITES["parity"], ("narrow", "doorway", "corner"), ("crossflow",))
+
+
+class Method(NamedTuple):
+    """A row's robot. algo: its learner; codes, hears: of its training; voice, told: whether it speaks when it is
+    played, and whether it is told what is meant instead of hearing it said."""
+
+    algo: str
+    codes: int = 4
+    hears: bool = True
+    voice: bool = True
+    told: bool = False
+
+    @property
+    def plays(self):
+        """Name of the file of its plays."""
+        return "told" if self.told else "played" if self.voice else "muted"
+
+    @property
+    def training(self):
+        """Name of its training, which robots may share that differ only when they are played."""
+        parts = [self.algo, f"{self.codes}-codes" if self.algo == "hsac" else "", "" if self.hears else "deaf"]
+        return "-".join(part for part in parts if part)
+
+
+MAIN = "HSAC"
+METHODS = {
+    MAIN: Method("hsac"),
+    "HSAC, 2 codes": Method("hsac", codes=2),
+    "HSAC without language": Method("hsac", codes=1, hears=False),
+    "HSAC muted": Method("hsac", voice=False),
+    "HSAC told what is meant": Method("hsac", told=True),
+    "TD3": Method("td3"),
+    "PPO": Method("ppo"),
+    "A2C": Method("a2c"),
+}
+SCRIPTED = {
+    "straight line": (straight_line, None),
+    "ORCA": (orca_robot, None),
+    "planner": (planner, Tongue(jnp.bool_(True), jnp.bool_(True))),
+}
+
+
+def tuned_hyperparameters(algo):
+    """What tuning chose for an algorithm; UserError: it was not tuned."""
+    try:
+        return json.loads(TUNED.read_text())["algorithms"][algo]["best"]
+    except (OSError, ValueError, KeyError) as error:
+        raise UserError(f"{TUNED} says nothing of {algo} ({error!r}): run python experiments/tune.py") from None
+
+
+def configuration(method, scenes, env_steps):
+    """The `RunConfig` of a method in scenes that share a program, with its tuned hyperparameters.
+
+    Its seed and scene are those of nobody: `Population.start` is given them.
+    """
+    base = preset("quick", method.algo)
+    world = dataclasses.replace(base.world.of_scenes(scenes), hearing=method.hears)
+    agent = base.agent
+    if method.algo == "hsac":
+        agent = dataclasses.replace(agent, codes=method.codes, language="phrases" if method.hears else "codes")
+    hyper = base.hyper.replace(**tuned_hyperparameters(method.algo))
+    train = dataclasses.replace(base.train, total_steps=env_steps // base.train.episodes)
+    return resolve(dataclasses.replace(base, world=world, agent=agent, hyper=hyper, train=train))
+
+
+class Player:
+    """Plays one policy in any of some scenes, through one compiled program."""
+
+    def __init__(self, world, params, policy):
+        self._limit = math.ceil(float(params.max_steps))
+        self._world, self._params, self._policy = world, params, policy
+
+        def block(policy_params, scene, seed, first):
+            keys = episode_keys(seed, first + jnp.arange(BLOCK))
+            return play(world, params, policy, policy_params, keys, jnp.full(BLOCK, scene), self._limit)
+
+        self._block = jax.jit(block)
+
+    def __call__(self, policy_params, scene, seed, episodes):
+        """`EpisodeSummary` `[episodes]` of the scene with that index."""
+        blocks = [
+            jax.device_get(self._block(policy_params, np.int32(scene), np.uint32(seed), first))
+            for first in range(0, episodes, BLOCK)
+        ]
+        return EpisodeSummary(*(np.concatenate(leaves)[:episodes] for leaves in zip(*blocks, strict=True)))
+
+    def record(self, policy_params, scene, seed):
+        """The first `Episode`s that it plays there."""
+        keys = episode_keys(seed, jnp.arange(DRAWN))
+        return record(self._world, self._params, self._policy, policy_params, keys, jnp.full(DRAWN, scene), self._limit)
+
+
+class Programs:
+    """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
+
+    def __init__(self, config, seeds, told=False):
+        self.agent = make_agent(config)
+        self.population = Population(config, self.agent, seeds)
+        policy = self._told if told else make_policy(self.agent)
+        self.player = Player(self.population.world, config.world.params, policy)
+        self.spoken = self.agent.spoken("test")
+        self._like = None
+
+    def _told(self, policy_params, state, world, params):
+        """A policy that knows which message a sentence stands for."""
+        observation = world.observe(state, params)
+        return self.agent.answer(policy_params[0], observation, message_codes(observation.dialogue))
+
+    def play(self, policies, method, scene, seed, episodes):
+        """`EpisodeSummary` `[seeds, episodes]` of policies `[seeds]` in the scene with that index."""
+        plays = [
+            self.player((member(policies, i), method.voice, self.spoken), scene, seed, episodes)
+            for i in range(self.population.members)
+        ]
+        return EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))
+
+    def policies(self, folder):
+        """The policies `[seeds]` that a training left behind."""
+        if self._like is None:
+            population = self.population
+            start = jax.eval_shape(lambda: population.start(range(population.members), population.config.hyper))
+            self._like = jax.tree.structure(self.agent.policy(start.learner))
+        stored = np.load(folder / "policies.npz")
+        return jax.tree.unflatten(self._like, [stored[name] for name in sorted(stored.files)])
+
+
+def measures(summary):
+    """The seven metrics of plays `[seeds, episodes]`, as `report.measure` gives them."""
+    arrived, episodes = summary.arrived, summary.arrived.shape[1]
+
+    def where_arrived(values):
+        return [float(v[a].mean()) if a.any() else None for v, a in zip(values, arrived, strict=True)]
+
+    rates = {
+        "success": arrived, "collision": summary.collided, "human_collision": summary.hit_pedestrian,
+        "timeout": summary.truncated,
+    }  # fmt: skip
+    comfort = summary.comfortable_steps.sum(axis=1) / summary.steps.sum(axis=1)
+    return {
+        **{name: report.measure(rate.mean(axis=1).tolist(), episodes) for name, rate in rates.items()},
+        "comfort": report.measure(comfort.tolist()),
+        "steps": report.measure(where_arrived(summary.steps)),
+        "min_distance": report.measure(where_arrived(summary.min_distance)),
+    }
