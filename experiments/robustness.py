@@ -59,9 +59,8 @@ class Options:
     out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
-        for name, least, most in (("episodes", 1, 1_000_000), ("steps", 25, 100_000), ("seed", 0, 2**32 - 1)):
-            if not least <= getattr(self, name) <= most:
-                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
+        limits = ("episodes", 1, 1_000_000), ("steps", 25, 100_000), ("seed", 0, 2**32 - 1)
+        scene_study.check_numbers(self, limits)
         if self.steps % 25:
             raise UserError(f"--steps is {self.steps}: give a multiple of 25")
 
@@ -123,8 +122,7 @@ def study(options):
     result = {"command": f"python experiments/{PROGRAM}.py", **identity, "plays": {}}
     result["plays"] = scene_study.stored(path, identity, "plays", {})
     robots = {robot: trained(options, robot, console) for robot in ROBOTS}
-    usual = preset("quick").world.params.replace(crowd_size=1.0, scan_noise_std=0.0, scan_dropout=0.0)
-    arrived = None
+    usual, arrived = _usual(), None
     for robot, (run, actor) in robots.items():
         for name, (_, values) in AXES.items():
             for value in values:
@@ -139,11 +137,19 @@ def study(options):
                 result["plays"][key] = dict(zip(names, map(float, success), strict=True))
                 console.print(f"{key}: {success.round(4)}")
                 scene_study.write(path, result | provenance())
-    result |= provenance()
+    where = provenance()
+    if arrived is None:  # nothing was played: the file's own commit and device stay
+        where = {name: scene_study.stored(path, identity, name, value) for name, value in where.items()}
+    result |= where
     scene_study.write(path, result)
     path.with_suffix(".md").write_text(table(result))
     draw(result, path.with_suffix(".png"))
     return result
+
+
+def _usual():
+    """`Params` of the plain robot's training, with its one pedestrian."""
+    return preset("quick").world.params.replace(crowd_size=1.0, scan_noise_std=0.0, scan_dropout=0.0)
 
 
 def _identity(config):
@@ -194,7 +200,7 @@ def draw(result, path):
     figure = Figure(figsize=(13, 6.2), layout="constrained")
     axes = figure.subplots(2, 4, sharey=True).ravel()
     ranges = {name: (low, high) for name, low, high in preset("robust").world.randomise}
-    usual = preset("quick").world.params.replace(crowd_size=1.0, scan_noise_std=0.0, scan_dropout=0.0)
+    usual = _usual()
     colours = {"plain": palette.PEDESTRIAN, "robust": palette.ROBOT}
     for panel, (name, (label, values)) in zip(axes, AXES.items(), strict=False):
         low, high = ranges[name]

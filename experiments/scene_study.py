@@ -22,9 +22,15 @@ def check_options(options, limits):
     for name in options.scenes:
         if name not in SCENES:
             raise UserError(f"--scenes names {name!r}: choose from {', '.join(SCENES)}")
+    check_numbers(options, limits)
+
+
+def check_numbers(options, limits):
+    """UserError if one of the numbers of ``options`` is out of ``limits``: name, least, most."""
     for name, least, most in limits:
         if not least <= getattr(options, name) <= most:
-            raise UserError(f"--{name} is {getattr(options, name)}: give a whole number from {least} to {most}")
+            option = f"--{name.replace('_', '-')}"
+            raise UserError(f"{option} is {getattr(options, name)}: give a whole number from {least} to {most}")
 
 
 def make_folder(out, option="--out"):

@@ -59,9 +59,8 @@ class Options:
     out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
-        for name, least, most in (("seeds", 1, 100), ("episodes", 1, 1_000_000), ("seed", 0, 2**32 - 1)):
-            if not least <= getattr(self, name) <= most:
-                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
+        limits = ("seeds", 1, 100), ("episodes", 1, 1_000_000), ("seed", 0, 2**32 - 1)
+        scene_study.check_numbers(self, limits)
         if self.converged <= PAPER_STEPS or self.converged % PAPER_STEPS:
             raise UserError(f"--converged is {self.converged}: give a multiple of {PAPER_STEPS} above it")
         if self.suite not in ("both", "parity", "hard", "none"):

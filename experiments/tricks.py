@@ -64,11 +64,12 @@ class Options:
     out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
-        for name, least, most in (("seeds", 1, 100), ("parity_steps", EVERY, 10**5), ("hard_steps", EVERY, 10**5)):
-            value = getattr(self, name)
-            if not least <= value <= most or (name != "seeds" and value % EVERY):
-                remedy = "a whole number" if name == "seeds" else f"a multiple of {EVERY}"
-                raise UserError(f"--{name.replace('_', '-')} is {value}: give {remedy} from {least} to {most}")
+        limits = ("seeds", 1, 100), ("parity_steps", EVERY, 10**5), ("hard_steps", EVERY, 10**5)
+        scene_study.check_numbers(self, limits)
+        for name in ("parity_steps", "hard_steps"):
+            if getattr(self, name) % EVERY:
+                option = f"--{name.replace('_', '-')}"
+                raise UserError(f"{option} is {getattr(self, name)}: give a multiple of {EVERY}")
         for name in self.tricks:
             if name not in TRICKS:
                 raise UserError(f"--tricks names {name!r}: choose from {', '.join(TRICKS)}")

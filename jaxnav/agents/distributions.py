@@ -1,10 +1,12 @@
-"""The two halves of a hybrid action: a tanh-Gaussian twist and a masked categorical code."""
+"""The two halves of a hybrid action: a tanh-Gaussian twist and a masked categorical code; and values as histograms."""
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 _HALF_LOG_2PI = 0.9189385
 _LOG_2 = 0.6931472
+BINS = np.linspace(-12.0, 20.0, 51).astype(np.float32)  # of values, where critics predict histograms
 
 
 def sample_twist(key, mean, log_std):
@@ -38,3 +40,13 @@ def code_log_probabilities(logits, counts):
 def entropy(log_probabilities):
     """Entropy `[...]` of a categorical, nats."""
     return -jnp.sum(jnp.exp(log_probabilities) * log_probabilities, axis=-1)
+
+
+def histogram(values):
+    """Values `[...]` as distributions over the bins `[..., bins]` (HL-Gauss, Farebrother et al. 2024)."""
+    width = BINS[1] - BINS[0]
+    edges = np.append(BINS - width / 2, BINS[-1] + width / 2)
+    inside = jnp.clip(values, BINS[0], BINS[-1])[..., None]
+    below = jax.scipy.special.erf((edges - inside) / (np.sqrt(2.0) * 0.75 * width))
+    mass = below[..., 1:] - below[..., :-1]
+    return mass / mass.sum(axis=-1, keepdims=True)

@@ -11,13 +11,12 @@ from typing import Any
 import chex
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
 from ..language.vocabulary import vocabulary
 from ..world import Action
 from ..world.types import MESSAGES
-from .distributions import code_log_probabilities, entropy, sample_twist
+from .distributions import BINS, code_log_probabilities, entropy, histogram, sample_twist
 from .learner import ADAM, Batch, ReplayConfig, descend
 from .networks import NORMS, Actor, TwinCritic, message_codes, spoken_words
 
@@ -30,32 +29,22 @@ class HSACConfig(ReplayConfig):
     """Sizes of the learner: static under ``jit``.
 
     Attributes:
-        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
-        actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of each critic.
-        batch: transitions an update.
-        updates_per_step: updates after each step of all episodes.
-        n_step: rewards that are summed before the critics are asked.
         language: what the actor hears: phrases, the embedding of a sentence; codes, the message itself as a one-hot.
         codes: what the robot may ask: 4; 2, none and stop; 1, nothing at all.
         heads: of the twist: shared, one for all codes; per-code, one for each.
         mean_tanh: squash the mean of the twist once more, as the paper's authors do: it can't quite stop.
-        huber_delta: error at which the critic loss turns linear.
         twins: the critics' judgement is their min or their mean.
         critic: what a critic predicts: scalar, or a histogram of 51 bins of which the value is the mean.
         critic_norm: layer, none, or batch: CrossQ, without target critics.
-        actor_every: updates of the critics for one of the actor.
     """
 
     language: str = "phrases"
     codes: int = 4
     heads: str = "shared"
     mean_tanh: bool = False
-    huber_delta: float = 2.0
     twins: str = "min"
     critic: str = "scalar"
     critic_norm: str = "layer"
-    actor_every: int = 1
 
     def __post_init__(self):
         super().__post_init__()
@@ -67,10 +56,6 @@ class HSACConfig(ReplayConfig):
             if getattr(self, name) not in allowed:
                 choose = f"choose from {', '.join(map(str, allowed))}"
                 raise ValueError(f"agent.{name} {getattr(self, name)!r} is unknown: {choose}")
-        if not self.huber_delta > 0:
-            raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
-        if not isinstance(self.actor_every, int) or self.actor_every < 1:
-            raise ValueError(f"agent.actor_every is {self.actor_every!r}: give a whole number of at least 1")
 
 
 @chex.dataclass(frozen=True)
@@ -132,7 +117,6 @@ _SMOOTHING = 0.05  # of its labels: what a sentence means is never quite certain
 _ACTOR_METRICS = (
     "actor_loss", "twist_entropy", "code_entropy", "twist_temperature", "code_temperature", "message_loss",
 )  # fmt: skip
-_BINS = np.linspace(-12.0, 20.0, 51).astype(np.float32)
 
 
 class HSAC:
@@ -146,7 +130,7 @@ class HSAC:
         self.actor = Actor(
             config.encoder, config.actor_widths, config.language, config.codes, per_code, config.mean_tanh
         )
-        bins = len(_BINS) if config.critic == "histogram" else 1
+        bins = len(BINS) if config.critic == "histogram" else 1
         self.critic = TwinCritic(config.encoder, config.critic_widths, config.codes * bins, config.critic_norm)
         # What is spoken in training. Codes need no words.
         self.vocabulary: Any = vocabulary("train") if config.language == "phrases" else None
@@ -308,7 +292,7 @@ class HSAC:
     def _judge(self, q):
         """Q `[..., codes]` of what both critics say."""
         if self.config.critic == "histogram":
-            q = jax.nn.softmax(q, axis=-1) @ _BINS
+            q = jax.nn.softmax(q, axis=-1) @ BINS
         return q.min(axis=0) if self.config.twins == "min" else q.mean(axis=0)
 
     def _value(self, q, log_density, log_p, counts, temperatures):
@@ -349,7 +333,7 @@ class HSAC:
         if self.config.critic == "histogram":
             log_q = jax.nn.log_softmax(jnp.take_along_axis(q, code[..., None], axis=2)[:, :, 0], axis=-1)
             loss = -jnp.sum(histogram(target) * log_q, axis=-1)
-            chosen = jnp.exp(log_q) @ _BINS
+            chosen = jnp.exp(log_q) @ BINS
         else:
             chosen = jnp.take_along_axis(q, code, axis=-1)[..., 0]
             loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
@@ -399,16 +383,6 @@ def soft_value(q, log_density, log_p, counts, temperatures):
     bonus = jnp.where(counts, entropy(log_p) - jnp.log(log_p.shape[-1]), 0.0)
     expected = jnp.sum(jnp.exp(log_p) * (q - temperatures["twist"] * log_density), axis=-1)
     return expected + temperatures["code"] * bonus
-
-
-def histogram(values):
-    """Values `[...]` as distributions over the bins `[..., bins]` (HL-Gauss, Farebrother et al. 2024)."""
-    width = _BINS[1] - _BINS[0]
-    edges = np.append(_BINS - width / 2, _BINS[-1] + width / 2)
-    inside = jnp.clip(values, _BINS[0], _BINS[-1])[..., None]
-    below = jax.scipy.special.erf((edges - inside) / (np.sqrt(2.0) * 0.75 * width))
-    mass = below[..., 1:] - below[..., :-1]
-    return mass / mass.sum(axis=-1, keepdims=True)
 
 
 def _whole_actor(actor, observation, words):

@@ -14,9 +14,11 @@ import dataclasses
 
 import chex
 import jax
+import jax.numpy as jnp
 import optax
 
-from ..world import Snapshot
+from ..world import Action, Snapshot
+from ..world.types import NONE
 from .networks import ENCODERS
 
 
@@ -27,7 +29,7 @@ class LearnerConfig:
     Attributes:
         encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
         actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of each critic.
+        critic_widths: hidden layers of each critic, or of the value network.
     """
 
     encoder: str = "lidar"
@@ -57,15 +59,21 @@ class ReplayConfig(LearnerConfig):
         batch: transitions an update.
         updates_per_step: updates after each step of all episodes.
         n_step: rewards that are summed before the critics are asked.
+        huber_delta: error at which the critic loss turns linear.
+        actor_every: updates of the critics for one of the actor.
     """
 
     batch: int = 512
     updates_per_step: int = 4
     n_step: int = 3
+    huber_delta: float = 2.0
+    actor_every: int = 1
 
     def __post_init__(self):
         super().__post_init__()
-        self._check_whole("batch", "updates_per_step", "n_step")
+        self._check_whole("batch", "updates_per_step", "n_step", "actor_every")
+        if not self.huber_delta > 0:
+            raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
 
     def updates(self, steps):
         """How many updates ``steps`` steps of all episodes make."""
@@ -112,3 +120,8 @@ ADAM = optax.flatten(optax.scale_by_adam())
 def descend(params, change, lr):
     """Parameters after a step of that learning rate, a traced number, against ``change``."""
     return jax.tree.map(lambda leaf, slope: leaf - lr * slope, params, change)
+
+
+def silent(twist):
+    """The action of a learner that steers with twist `[..., 2]` and can't speak."""
+    return Action(twist=twist, code=jnp.full(twist.shape[:-1], NONE, jnp.int32))

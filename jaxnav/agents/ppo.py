@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import optax
 
 from ..world import Action
-from ..world.types import NONE
-from .learner import ADAM, Batch, LearnerConfig, descend
+from .learner import ADAM, Batch, LearnerConfig, descend, silent
 from .networks import LOG_STD_RANGE, Actor, Value, message_codes
 
 
@@ -22,9 +21,6 @@ class RolloutConfig(LearnerConfig):
     """Sizes of a learner that learns from what it has just played: static under ``jit``.
 
     Attributes:
-        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
-        actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of the value network.
         horizon: steps of all episodes that an update learns from; divides train.steps_per_chunk.
     """
 
@@ -47,9 +43,6 @@ class PPOConfig(RolloutConfig):
     """Sizes of the learner: static under ``jit``.
 
     Attributes:
-        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
-        actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of the value network.
         horizon: steps of all episodes that an update learns from; divides train.steps_per_chunk.
         epochs: how often each of them is used.
         minibatches: into how many parts they are split each time; divides horizon times train.episodes.
@@ -144,13 +137,13 @@ class PPO:
         del hyper
         mean, log_std = self._gaussian(learner.actor, observation)
         twist = mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
-        return Action(twist=twist, code=jnp.full(twist.shape[:-1], NONE, jnp.int32))
+        return silent(twist)
 
     def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
         """The mean twist; it has no voice, and hears codes, whatever is ``spoken``."""
         del voice, spoken
         mean, _ = self._gaussian(actor, observation)
-        return Action(twist=jnp.clip(mean, -1.0, 1.0), code=jnp.full(mean.shape[:-1], NONE, jnp.int32))
+        return silent(jnp.clip(mean, -1.0, 1.0))
 
     def spoken(self, split):
         """None: this agent hears codes."""

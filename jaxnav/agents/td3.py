@@ -9,34 +9,15 @@ import jax.numpy as jnp
 import optax
 
 from ..world import Action
-from ..world.types import NONE
-from .learner import ADAM, Batch, ReplayConfig, descend
+from .learner import ADAM, Batch, ReplayConfig, descend, silent
 from .networks import Actor, TwinCritic, message_codes
 
 
 @dataclasses.dataclass(frozen=True)
 class TD3Config(ReplayConfig):
-    """Sizes of the learner: static under ``jit``.
-
-    Attributes:
-        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
-        actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of each critic.
-        batch: transitions an update.
-        updates_per_step: updates after each step of all episodes.
-        n_step: rewards that are summed before the critics are asked.
-        actor_every: updates of the critics for one of the actor.
-        huber_delta: error at which the critic loss turns linear.
-    """
+    __doc__ = ReplayConfig.__doc__
 
     actor_every: int = 2
-    huber_delta: float = 2.0
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("actor_every")
-        if not self.huber_delta > 0:
-            raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
 
 
 @chex.dataclass(frozen=True)
@@ -112,12 +93,12 @@ class TD3:
         """The actor's twist with noise, for each observation `[..., ...]`, and no code."""
         twist = self._twist(learner.actor, observation)
         twist = jnp.clip(twist + hyper.exploration_noise * jax.random.normal(key, twist.shape), -1.0, 1.0)
-        return _silent(twist)
+        return silent(twist)
 
     def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
         """The actor's twist; it has no voice, and hears codes, whatever is ``spoken``."""
         del voice, spoken
-        return _silent(self._twist(actor, observation))
+        return silent(self._twist(actor, observation))
 
     def spoken(self, split):
         """None: this agent hears codes."""
@@ -175,7 +156,3 @@ class TD3:
     def _actor_loss(self, actor, critic, batch):
         """-Q of the first critic."""
         return -jnp.mean(self._q(critic, batch.observation, self._twist(actor, batch.observation))[0])
-
-
-def _silent(twist):
-    return Action(twist=twist, code=jnp.full(twist.shape[:-1], NONE, jnp.int32))

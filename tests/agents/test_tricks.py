@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxnav.agents.hsac import _BINS, HSAC, HSACConfig, Hyperparameters, histogram
+from jaxnav.agents.distributions import BINS, histogram
+from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
 from jaxnav.agents.networks import BatchNorm
 
 HYPER = Hyperparameters()
@@ -18,10 +19,10 @@ def test_a_histogram_has_the_mean_of_its_value(values):
     mass = np.asarray(histogram(jnp.float32(values)))
     np.testing.assert_allclose(mass.sum(axis=-1), 1.0, rtol=1e-5)
     assert (mass >= 0).all()
-    inside = np.clip(values, _BINS[0], _BINS[-1])
+    inside = np.clip(values, BINS[0], BINS[-1])
     # Near the ends half of a histogram is cut off.
-    near_end = (inside < _BINS[0] + 2) | (inside > _BINS[-1] - 2)
-    assert (np.abs(mass @ _BINS - inside) < np.where(near_end, 0.5, 0.01)).all()
+    near_end = (inside < BINS[0] + 2) | (inside > BINS[-1] - 2)
+    assert (np.abs(mass @ BINS - inside) < np.where(near_end, 0.5, 0.01)).all()
 
 
 def test_batch_statistics_normalise_a_batch():
