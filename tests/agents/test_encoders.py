@@ -44,7 +44,7 @@ def images(params, observations):
 def test_img_pre_net_computes_what_torch_computes(observations):
     encoder = GridEncoder(**SMALL)
     heard = message_codes(observations.dialogue)
-    params = encoder.init(jax.random.key(0), observations, heard)
+    params = jax.jit(encoder.init)(jax.random.key(0), observations, heard)
     _, inside = encoder.apply(params, observations, heard, capture_intermediates=True)
     image = nn.relu(inside["intermediates"]["Dense_0"]["__call__"][0])
     np.testing.assert_allclose(image, images(params["params"], observations).numpy(), atol=2e-6)
@@ -55,7 +55,7 @@ def test_img_pre_net_computes_what_torch_computes(observations):
 def test_frozen_convolutions_have_no_gradient_and_the_rest_has(observations, frozen):
     encoder = GridEncoder(frozen=frozen, **SMALL)
     heard = message_codes(observations.dialogue)
-    params = encoder.init(jax.random.key(0), observations, heard)
+    params = jax.jit(encoder.init)(jax.random.key(0), observations, heard)
     weights = jax.random.normal(jax.random.key(1), (SMALL["width"],))
     gradient = jax.grad(lambda p: jnp.sum(encoder.apply(p, observations, heard) * weights))(params)["params"]
     for i in range(3):
@@ -67,7 +67,7 @@ def test_frozen_convolutions_have_no_gradient_and_the_rest_has(observations, fro
 def test_a_leading_axis_more_or_less_is_the_same(observations):
     encoder = GridEncoder(**SMALL)
     heard = message_codes(observations.dialogue)
-    params = encoder.init(jax.random.key(0), observations, heard)
+    params = jax.jit(encoder.init)(jax.random.key(0), observations, heard)
     many = encoder.apply(params, observations, heard)
     one = encoder.apply(params, jax.tree.map(lambda leaf: leaf[0], observations), heard[0])
     deep = encoder.apply(params, jax.tree.map(lambda leaf: leaf[None], observations), heard[None])
@@ -91,16 +91,18 @@ def test_rows_of_nobody_do_not_count(encoder, observations):
     if encoder == "lidar":
         three = three.replace(pedestrians=pad(one.pedestrians), seen=pad(one.seen))
     net = ENCODERS[encoder](**(SMALL if encoder == "grid" else {}))
-    weights = net.init(jax.random.key(0), one, message_codes(one.dialogue))
+    weights = jax.jit(net.init)(jax.random.key(0), one, message_codes(one.dialogue))
     # Biases begin as zeros, and then the rows of nobody have no voice anyway.
-    weights = jax.tree.map(lambda leaf: leaf + 0.3 * jax.random.normal(jax.random.key(1), leaf.shape), weights)
-    features = [net.apply(weights, seen, message_codes(seen.dialogue)) for seen in (one, three)]
+    rng = np.random.default_rng(1)
+    weights = jax.tree.map(lambda leaf: leaf + 0.3 * rng.normal(size=leaf.shape).astype(np.float32), weights)
+    apply = jax.jit(net.apply)
+    features = [apply(weights, seen, message_codes(seen.dialogue)) for seen in (one, three)]
     np.testing.assert_allclose(*features, atol=1e-6)
     if encoder == "lidar":  # who is out of sight, but speaks, counts
         hidden = one.replace(seen=jnp.zeros(1, bool), pedestrians=jnp.zeros((1, 4)))
         silent = jax.tree.map(jnp.zeros_like, one.dialogue)
         speaks = silent.replace(utterance=jnp.full_like(silent.utterance, 5))
-        a, b = (net.apply(weights, hidden.replace(dialogue=talk), message_codes(talk)) for talk in (speaks, silent))
+        a, b = (apply(weights, hidden.replace(dialogue=talk), message_codes(talk)) for talk in (speaks, silent))
         assert np.abs(a - b).max() > 1e-3
 
 
