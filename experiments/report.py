@@ -147,6 +147,11 @@ def _span(rows, field):
     return " to ".join(dict.fromkeys(f"{value:,.0f}" for value in (min(values), max(values))))
 
 
+def _each(rows, field):
+    """The different values of a field, as text."""
+    return ", ".join(dict.fromkeys(str(row[field]) for row in rows))
+
+
 def _number(value, digits=3):
     return "-" if value is None else f"{value:.{digits}f}"
 
@@ -188,9 +193,10 @@ def _facts(result):
         )
     if rows:
         learnt = [row for row in rows if row["budget"] != "none"] or rows
-        facts += f"{_span(learnt, 'episodes')} episodes a scene with each seed, the same for all. "
+        facts += f"{_span(learnt, 'episodes')} episodes a scene with each seed: of the same ones the first. "
     return facts + (
-        f"Device: {result['device']}; commit {result['commit']}; {result['wall_seconds']:,.0f} s in all. Our scenes "
+        f"Device: {_each(rows, 'device')}; commits of the rows: {_each(rows, 'commit')}; {result['wall_seconds']:,.0f} "
+        "s in all. Our scenes "
         "are not the paper's. Intervals of 95 %: percentile bootstrap of the mean over seeds (a point where all seeds "
         "agree; of five seeds it covers less than 95 %); of a scripted robot or one seed Wilson's over episodes. Bold: "
         "the highest mean success of a learnt method in a scene, as printed; no test of significance."
@@ -256,13 +262,17 @@ def _pairs(pairs):
         seeds = pair["seeds_ci95"]
         rows.append([
             pair["suite"], pair["scene"], pair["budget"], f"{pair['one']} minus {pair['other']}", NAMES[pair["field"]],
-            f"{scale * pair['difference']:+.2f} ± {scale * pair['ci95_half']:.2f}{unit}", f"{pair['episodes']:,}",
+            f"{scale * pair['difference']:+.2f} ± {scale * pair['ci95_half']:.2f}{unit}",
+            f"{pair['episodes']:,} x {pair['seeds']}",
             "-" if seeds is None else f"{scale * seeds[0]:+.2f} to {scale * seeds[1]:+.2f}",
         ])  # fmt: skip
-    header = ["suite", "scene", "budget", "compared", "of", "difference (95 % over episodes)", "episodes", "over seeds"]
+    header = [
+        "suite", "scene", "budget", "compared", "of", "difference (95 % over episodes)", "episodes x seeds",
+        "over seeds",
+    ]  # fmt: skip
     title = (
-        "**Paired differences** over the same episodes: with the interval of these very robots over episodes, and that "
-        "of the mean over training seeds, which with five of them covers less than 95 %"
+        "**Paired differences** over the same episodes, which all seeds play: with the interval of these very robots "
+        "over episodes, and that of the mean over training seeds, which with five of them covers less than 95 %"
     )
     return ["", title, *_table(header, rows)] if rows else []
 

@@ -20,7 +20,6 @@ from jaxnav.training.evaluation import episode_keys, make_policy, wilson_interva
 from jaxnav.training.provenance import provenance
 from jaxnav.training.rollout import play
 from jaxnav.training.run import Run
-from jaxnav.world import World
 
 PROGRAM = "robustness"
 BLOCK = 500  # episodes of a scene played at once
@@ -61,6 +60,7 @@ class Options:
     def __post_init__(self):
         limits = ("episodes", 1, 1_000_000), ("steps", 25, 100_000), ("seed", 0, 2**32 - 1)
         scene_study.check_numbers(self, limits)
+        scene_study.check_unseen(self.seed)
         if self.steps % 25:
             raise UserError(f"--steps is {self.steps}: give a multiple of 25")
 
@@ -91,7 +91,7 @@ def player(run):
 
     Where nothing is randomised that world is the plain one's: noise, crowds and delay are then those of ``params``.
     """
-    world = World(preset("robust").world.world().config)
+    world = preset("robust").world.world()
     policy, count = make_policy(run.agent), len(world.scenes)
     limit = math.ceil(float(run.params.max_steps))
 

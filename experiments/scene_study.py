@@ -12,6 +12,7 @@ from rich.progress import Progress
 from jaxnav.errors import UserError
 from jaxnav.training.config import differences
 from jaxnav.training.provenance import provenance
+from jaxnav.training.run import VALIDATION_SEED, Interrupted
 from jaxnav.world import SCENES
 
 RESULTS = pathlib.Path(__file__).parent / "results"
@@ -31,6 +32,12 @@ def check_numbers(options, limits):
         if not least <= getattr(options, name) <= most:
             option = f"--{name.replace('_', '-')}"
             raise UserError(f"{option} is {getattr(options, name)}: give a whole number from {least} to {most}")
+
+
+def check_unseen(seed):
+    """UserError: the episodes of that seed are those of validation."""
+    if seed == VALIDATION_SEED:
+        raise UserError(f"--seed is {seed}, of the validation episodes that choices were made on: give another")
 
 
 def make_folder(out, option="--out"):
@@ -106,10 +113,14 @@ def write(path, value):
 
 
 def main(options_class, study, table, program, arguments):
-    """Entry point of a program: prints the table of its study; exits with 2 after an error that the user can mend."""
+    """Entry point of a program: prints the table of its study; exits with 2 after an error that the user can mend, with
+    130 after Ctrl-C."""
     try:
         options = tyro.cli(options_class, args=arguments, prog=f"python experiments/{program}.py")
         print(table(study(options)), end="")
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+    except (Interrupted, KeyboardInterrupt):
+        print("interrupted: what is done is kept, the same command goes on", file=sys.stderr)
+        sys.exit(130)

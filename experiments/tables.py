@@ -29,7 +29,7 @@ from jaxnav.world import SUITES, default_params
 PAPER_STEPS, PAPER_EPISODES = 128_000, 500
 TABLES = ("table1", "table2", "table3")
 # Fields of a result's configuration that decide on what was played, beside its methods.
-PLAYED = ("episodes", "episode_seed", "budgets", "embeddings")
+PLAYED = ("episodes", "episode_seed", "budgets", "embeddings", "worlds")
 SUITE_OF = {scene: suite for suite in ("parity", "hard") for scene in SUITES[suite]}
 
 
@@ -61,6 +61,7 @@ class Options:
     def __post_init__(self):
         limits = ("seeds", 1, 100), ("episodes", 1, 1_000_000), ("seed", 0, 2**32 - 1)
         scene_study.check_numbers(self, limits)
+        scene_study.check_unseen(self.seed)
         if self.converged <= PAPER_STEPS or self.converged % PAPER_STEPS:
             raise UserError(f"--converged is {self.converged}: give a multiple of {PAPER_STEPS} above it")
         if self.suite not in ("both", "parity", "hard", "none"):
@@ -112,6 +113,8 @@ class Study:
             result["rows"] = list((self._kept | rows).values())
             result["wall_seconds"] = round(before + time.monotonic() - start, 1)
             scene_study.write(path, result)
+        if not rows:
+            raise UserError("nothing was played yet: give --suite both, parity or hard")
         result["rows"] = list(rows.values())
         wanted = [
             (rows.get((scene, one, budget)), rows.get((scene, other, budget)))
@@ -140,13 +143,16 @@ class Study:
         ]:
             if not path.exists():
                 continue
-            stored = json.loads(path.read_text())
-            same = all(stored["config"][field] == _plain(config)[field] for field in PLAYED)
-            for row in stored["rows"] if same else ():
-                method = row["method"]
+            try:
+                stored = json.loads(path.read_text())
+                same = all(stored["config"][field] == _plain(config)[field] for field in PLAYED)
+                found = [(row, row["method"], row["scene"], row["budget"]) for row in stored["rows"]] if same else []
+            except (OSError, ValueError, KeyError, TypeError) as error:
+                raise UserError(f"{path} is no result of a table ({error!r}): move it away") from None
+            for row, method, scene, budget in found:
                 theirs, ours = (c["methods"].get(method) for c in (stored["config"], config))
                 if method in cells.SCRIPTED or (method in self.methods and not differences(theirs, _plain(ours))):
-                    kept[row["scene"], method, row["budget"]] = row
+                    kept[scene, method, budget] = row
         return kept
 
     def _config(self):
@@ -154,6 +160,7 @@ class Study:
         return {
             "episodes": options.episodes, "episode_seed": options.seed, "budgets": options.budgets,
             "embeddings": default_table().fingerprint,
+            "worlds": [to_json(PRESETS["quick"].world.of_scenes(group)) for group in cells.GROUPS],
             "methods": {
                 name: self._identity(cells.configuration(method, cells.GROUPS[0], options.converged))
                 for name, method in self.methods.items()
@@ -168,20 +175,21 @@ class Study:
         return whole | {"seeds": list(range(self.options.seeds)), "embeddings": default_table().fingerprint}
 
     def _save(self, path, summary):
-        """Keep plays, whole or not at all."""
+        """Keep plays and where they were played, whole or not at all."""
         new = path.with_name(f"new-{path.name}")
-        np.savez(new, episode_seed=self.options.seed, **summary._asdict())
+        where = {name: str(self._where[name]) for name in ("git_commit", "device")}
+        np.savez(new, episode_seed=self.options.seed, **where, **summary._asdict())
         new.replace(path)
 
     def _load(self, path, shape):
-        """Plays of that shape; UserError: others lie there."""
+        """(Plays of that shape, {commit, device} of theirs); UserError: others lie there."""
         arrays = dict(np.load(path))
-        seed = int(arrays.pop("episode_seed"))
+        seed, commit, device = (arrays.pop(name).item() for name in ("episode_seed", "git_commit", "device"))
         if (seed, arrays["arrived"].shape) != (self.options.seed, shape):
             raise UserError(
                 f"{path} holds plays of other --episodes, --seeds or --seed: give the same, or another --runs"
             )
-        return EpisodeSummary(**arrays)
+        return EpisodeSummary(**arrays), {"commit": commit, "device": device}
 
     def _cells(self, name, group):
         """The rows of a method in each scene and budget of a group."""
@@ -204,7 +212,7 @@ class Study:
                     _training(folder, self._identity(config))
                     self._play(programs, folder, method, index, episodes)
                 meta = _training(folder, self._identity(config))
-                summary = self._load(played, (options.seeds, episodes))
+                summary, _ = self._load(played, (options.seeds, episodes))
                 good = [seed for seed in range(options.seeds) if meta["broken"][seed] is None]
                 summary = EpisodeSummary(*(leaf[good] for leaf in summary))
                 yield {
@@ -212,7 +220,7 @@ class Study:
                     "env_steps": meta["env_steps"], "seeds": good, "encoder": config.agent.encoder,
                     "excluded": {str(i): step for i, step in enumerate(meta["broken"]) if step is not None},
                     "episodes": episodes, **cells.measures(summary), "train_seconds": meta["seconds"],
-                    "commit": meta["commit"], "arrived": packed(summary.arrived),
+                    "commit": meta["commit"], "device": meta["device"], "arrived": packed(summary.arrived),
                 }  # fmt: skip
 
     def _train(self, programs, method, scene, index):
@@ -245,6 +253,7 @@ class Study:
                 {
                     "config": self._identity(population.config), "scene": scene, "env_steps": trained.env_steps,
                     "broken": broken, "seconds": round(seconds, 1), "commit": self._where["git_commit"],
+                    "device": self._where["device"],
                 },
             )  # fmt: skip
 
@@ -271,12 +280,12 @@ class Study:
             summary = player(policy_params, 0, options.seed, options.seeds * options.episodes)
             self._save(path, summary)
             self.console.print(f"{robot} {scene}: success {summary.arrived.mean():.4f}")
-        summary = self._load(path, (options.seeds * options.episodes,))
+        summary, where = self._load(path, (options.seeds * options.episodes,))
         summary = EpisodeSummary(*(leaf[None] for leaf in summary))
         return {
             "suite": SUITE_OF[scene], "scene": scene, "method": robot, "budget": "none", "env_steps": 0, "seeds": [],
             "excluded": {}, "episodes": summary.arrived.shape[1], **cells.measures(summary), "train_seconds": 0,
-            "commit": self._where["git_commit"],
+            **where,
         }  # fmt: skip
 
     def trajectories(self):
@@ -340,18 +349,19 @@ def unpacked(row):
 def pair(one, other):
     """The paired difference of success between two rows, over the episodes and seeds that both have; None if none.
 
-    Of its intervals one is over the episodes of all seeds, as if these seeds were all there are; the other over seeds.
+    Of its intervals one is over episodes, as if these seeds were all there are: all seeds play the same episodes, so
+    that their mean is what varies from one to the next. The other is over seeds.
     """
     ours, theirs = unpacked(one), unpacked(other)
     episodes = min(one["episodes"], other["episodes"])  # the first n of more episodes are the same n
     both = [ours[seed][:episodes] - theirs[seed][:episodes] for seed in ours if seed in theirs]
     if not both:
         return None
-    difference = np.concatenate(both)
+    difference = np.mean(both, axis=0)
     return {
         **{field: one[field] for field in ("suite", "scene", "budget")}, "one": one["method"],
         "other": other["method"], "field": "success", "difference": float(difference.mean()),
-        "ci95_half": float(1.96 * difference.std() / math.sqrt(difference.size)), "episodes": difference.size,
+        "ci95_half": float(1.96 * difference.std() / math.sqrt(episodes)), "episodes": episodes, "seeds": len(both),
         "seeds_ci95": report.measure([float(seed.mean()) for seed in both])["ci95"],
     }  # fmt: skip
 

@@ -123,11 +123,8 @@ def study(options):
     result = {"command": f"python experiments/{PROGRAM}.py", **identity, "tricks": {}}
     result["tricks"] = scene_study.stored(path, identity, "tricks", {})
     for name, found in result["tricks"].items():
-        now = configuration(name, SUITES["parity"], options.parity_steps)
-        changed = differences(
-            {"agent": found["agent"], "hyper": found["hyper"]},
-            json.loads(json.dumps({"agent": to_json(now.agent), "hyper": to_json(now.hyper)})),
-        )
+        now = to_json(configuration(name, SUITES["parity"], options.parity_steps))
+        changed = differences(found["config"], json.loads(json.dumps(now)))
         if changed:
             raise UserError(f"{path} tried another {name!r} ({', '.join(changed)} differ): move it away")
     for name in options.tricks or TRICKS:
@@ -137,8 +134,7 @@ def study(options):
         parity = train(config, EVERY, options.seeds)
         hard = train(configuration(name, tune.SCENES, options.hard_steps), options.hard_steps, options.seeds)
         result["tricks"][name] = {
-            "parity": parity, "hard": hard, "agent": to_json(config.agent), "hyper": to_json(config.hyper),
-            **provenance(),
+            "parity": parity, "hard": hard, "config": to_json(config), **provenance(),
         }  # fmt: skip
         scene_study.write(path, result)
         console.print(_row(name, result["tricks"][name]))
@@ -154,15 +150,19 @@ def arrival(lines, seed):
 
 def _row(name, found):
     parity, hard = found["parity"], found["hard"][-1]
-    seeds = len(hard["success"])
-    arrivals = [arrival(parity, seed) for seed in range(seeds)]
+    whole = [i for i, step in enumerate(parity[-1]["broken"]) if step is None and hard["broken"][i] is None]
+    left_out = len(hard["success"]) - len(whole)
+    name += f" ({left_out} of {len(hard['success'])} seeds turned non-finite and are left out)" if left_out else ""
+    if not whole:
+        return f"| {name} | - | - | - | - | - |"
+    arrivals = [arrival(parity, seed) for seed in whole]
 
     def median(field, digits):
         values = [np.inf if line is None else line[field] for line in arrivals]
         middle = float(np.median(values))
         return f"{middle:.{digits}f}" if np.isfinite(middle) else "not reached"
 
-    last, final = np.array(parity[-1]["success"]), np.array(hard["success"])
+    last, final = np.array(parity[-1]["success"])[whole], np.array(hard["success"])[whole]
     cells = [
         median("updates", 0), median("seconds", 1), f"{parity[-1]['seconds'] / parity[-1]['updates'] * 1000:.1f}",
         f"{last.mean():.3f} ({last.min():.3f})", f"{final.mean():.3f} ({' '.join(f'{v:.3f}' for v in final.mean(1))})",

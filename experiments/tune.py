@@ -53,9 +53,7 @@ class Options:
     out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
-        for name, least, most in (("trials", 1, 100), ("seed", 0, 2**32 - 1)):
-            if not least <= getattr(self, name) <= most:
-                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
+        scene_study.check_numbers(self, (("trials", 1, 100), ("seed", 0, 2**32 - 1)))
 
 
 def drawn(space, trials, rng):
@@ -118,10 +116,10 @@ def table(result):
     ]  # fmt: skip
     for algo, found in result["algorithms"].items():
         scores = [trial["score"] for trial in found["trials"]]
+        broken = sum(trial["broken"] is not None for trial in found["trials"])
+        worst = f"{min(scores):.3f}" + (f" ({broken} turned non-finite: 0)" if broken else "")
         chosen = ", ".join(f"{name} {value:.4g}" for name, value in found["best"].items())
-        lines.append(
-            f"| {algo} | {scores[0]:.3f} | {max(scores):.3f} | {min(scores):.3f} | {chosen} | {found['device']} |"
-        )
+        lines.append(f"| {algo} | {scores[0]:.3f} | {max(scores):.3f} | {worst} | {chosen} | {found['device']} |")
     return "\n".join(lines) + "\n"
 
 

@@ -83,7 +83,7 @@ def fails(capsys, *arguments):
         (["train", "--world.scenes", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
         (["train", "--algo", "dqn"], ["algo", "'dqn'", "hsac, td3, ppo, a2c"]),
         (["train", "--algo", "td3", "--agent.codes", 2], ["--agent.codes", "--help"]),
-        (["train", "--algo", "ppo", "--agent.horizon", 30], ["agent.horizon", "30", "train.steps_per_chunk", "100"]),
+        (["train", "--algo", "ppo", "--agent.horizon", 30], ["agent.horizon", "30", "train.steps_per_chunk", "25"]),
         (["train", "--algo", "ppo", "--agent.minibatches", 7], ["agent.minibatches", "7", "divisor", "1600"]),
         (["train", "--algo", "ppo", "--hyper.gae-lambda", 2], ["hyper.gae_lambda", "2", "0 to 1"]),
         (["train", "--agent.codes", 3], ["agent.codes", "3", "1, 2, 4"]),

@@ -220,10 +220,11 @@ def preset(name, algo="hsac") -> RunConfig:
     agent = dataclasses.replace(
         cls().agent, **{size: getattr(base.agent, size) for size in ("encoder", "actor_widths", "critic_widths")}
     )
-    # Whoever learns from what it has just played plays fewer episodes at once, and as many steps in all.
+    # Whoever learns from what it has just played plays fewer episodes at once, and as many steps in all. Its chunks
+    # stay as long: each draws as many fresh starts as there are episodes; a longer one would use them again.
     episodes = cls().train.episodes
     factor = base.train.episodes // episodes
-    sizes = {field: factor * getattr(base.train, field) for field in ("steps_per_chunk", "total_steps")}
+    sizes = {field: factor * getattr(base.train, field) for field in ("evaluate_every", "total_steps")}
     return cls(
         preset=name, world=base.world, agent=agent, train=dataclasses.replace(base.train, episodes=episodes, **sizes)
     )
@@ -281,6 +282,7 @@ def resolve(config: RunConfig) -> RunConfig:
 
 _FRACTIONS = (
     "discount", "tau", "average", "final_lr", "target_entropy_code", "backup_entropy", "gae_lambda", "word_errors",
+    "initial_std",
 )  # fmt: skip
 _ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm")
 

@@ -54,7 +54,7 @@ def learnt(suite, budget, scene, method):
     return {
         "suite": suite, "scene": scene, "method": method, "budget": budget, "env_steps": steps, "seeds": [0, 1, 2, 3],
         "excluded": {}, "episodes": 200, **fields(success_of(suite, budget, scene, method)),
-        "train_seconds": seconds,
+        "train_seconds": seconds, "commit": "c0ffee", "device": "Abacus",
     }  # fmt: skip
 
 
@@ -63,6 +63,7 @@ def scripted(suite, scene, method):
     return {
         "suite": suite, "scene": scene, "method": method, "budget": "none", "env_steps": 0, "seeds": [],
         "excluded": {}, "episodes": 200, **fields([0.995 if method == "planner" else 0.25]), "train_seconds": 0,
+        "commit": "decaf", "device": "Abacus",
     }  # fmt: skip
 
 
@@ -77,7 +78,7 @@ def made_up(suites=("parity", "hard"), budgets=("paper", "converged"), without=(
     rows += [scripted(suite, scene, method) for suite, scene in places for method in SCRIPTED]
     pair = {
         "suite": "hard", "scene": "narrow", "budget": "paper", "one": "HSAC-LLM", "other": "TD3", "field": "success",
-        "difference": -0.0525, "ci95_half": 0.0175, "episodes": 600, "seeds_ci95": [-0.08, 0.0125],
+        "difference": -0.0525, "ci95_half": 0.0175, "episodes": 600, "seeds": 4, "seeds_ci95": [-0.08, 0.0125],
     }  # fmt: skip
     return {
         "table": table, "rows": rows, "pairs": [pair, pair | {"field": "steps", "difference": 1.5, "ci95_half": 0.25}],
@@ -270,7 +271,8 @@ def test_the_first_line_has_the_facts():
     first = report.markdown(made_up()).splitlines()[0]
     for fact in (
         "Methods. ", "paper (128,000 environment steps), converged (1,000,000 environment steps)", "; 4 seeds, ",
-        "trained at once in 110 to 440 s", "200 episodes a scene", "Device: Abacus; commit c0ffee; 12,345 s in all",
+        "trained at once in 110 to 440 s", "200 episodes a scene",
+        "Device: Abacus; commits of the rows: c0ffee, decaf; 12,345 s in all",
         "Our scenes are not the paper's.",
     ):  # fmt: skip
         assert fact in first
@@ -389,8 +391,17 @@ def test_suites_and_pairs():
     ]  # fmt: skip
     assert rows["parity", "none", "planner"] == ["0.995", "0.995", "100 %", "3 in 3 of 3 scenes"]
     assert table_below(text, "**Paired differences**") == [
-        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "success", "-5.25 ± 1.75 points", "600", "-8.00 to +1.25"],
-        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "steps", "+1.50 ± 0.25", "600", "-0.08 to +0.01"],
+        [
+            "hard",
+            "narrow",
+            "paper",
+            "HSAC-LLM minus TD3",
+            "success",
+            "-5.25 ± 1.75 points",
+            "600 x 4",
+            "-8.00 to +1.25",
+        ],
+        ["hard", "narrow", "paper", "HSAC-LLM minus TD3", "steps", "+1.50 ± 0.25", "600 x 4", "-0.08 to +0.01"],
     ]
 
 

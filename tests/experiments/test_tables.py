@@ -94,7 +94,7 @@ def test_a_seed_that_broke_is_left_out_openly(run):
     assert all(row["seeds"] == [0, 2] and row["excluded"] == {"1": 6400} for row in td3)
     assert all(len(row["success"]["per_seed"]) == 2 for row in td3)
     pair = next(p for p in result["pairs"] if p["other"] == "TD3" and p["budget"] == "converged")
-    assert pair["episodes"] == 80 and pair["difference"] == pytest.approx(0.1)
+    assert (pair["episodes"], pair["seeds"]) == (40, 2) and pair["difference"] == pytest.approx(0.1)
 
 
 def test_pairs_are_of_the_same_seeds_and_episodes():
@@ -104,9 +104,15 @@ def test_pairs_are_of_the_same_seeds_and_episodes():
     one = base | {"method": "a", "seeds": [0, 2, 5], "episodes": 1000, "arrived": tables.packed(wins)}
     other = base | {"method": "b", "seeds": [2, 3, 5], "episodes": 600, "arrived": tables.packed(losses[:, :600])}
     found = tables.pair(one, other)
-    difference = np.concatenate([wins[i, :600].astype(int) - losses[j, :600] for i, j in ((1, 0), (2, 2))])
-    assert found["difference"] == pytest.approx(difference.mean()) and found["episodes"] == 1200
-    assert found["ci95_half"] == pytest.approx(1.96 * difference.std() / 1200**0.5)
+    difference = np.mean([wins[i, :600].astype(int) - losses[j, :600] for i, j in ((1, 0), (2, 2))], axis=0)
+    assert found["difference"] == pytest.approx(difference.mean())
+    assert (found["episodes"], found["seeds"]) == (600, 2)
+    assert found["ci95_half"] == pytest.approx(1.96 * difference.std() / 600**0.5)
+    # Robots that all do the same in an episode are worth no more than one of them.
+    same = one | {"arrived": tables.packed(np.repeat(wins[:1], 3, axis=0))}
+    none = other | {"seeds": [0, 2, 5], "episodes": 1000, "arrived": tables.packed(np.repeat(losses[:1], 3, axis=0))}
+    alone = [row | {"seeds": [0], "arrived": row["arrived"][:1]} for row in (same, none)]
+    assert tables.pair(same, none)["ci95_half"] == pytest.approx(tables.pair(*alone)["ci95_half"])
 
 
 def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp_path):
@@ -126,7 +132,7 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
     result = run(table3, "--seeds", "2", "--episodes", "20")
     assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # without language
     muted = next(p for p in result["pairs"] if p["other"] == "HSAC muted" and p["budget"] == "converged")
-    assert muted["difference"] == pytest.approx(0.1) and muted["episodes"] == 40
+    assert muted["difference"] == pytest.approx(0.1) and (muted["episodes"], muted["seeds"]) == (20, 2)
     FakePrograms.done = []
     again = run(table3, "--seeds", "2", "--episodes", "20")
     assert FakePrograms.done == [] and again["rows"] == result["rows"]
@@ -157,6 +163,32 @@ def test_rows_alone_carry_on_where_trainings_are_gone(run, tmp_path):
     assert len(whole["rows"]) == len(SCENES) * 4 * 2
 
 
+def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, monkeypatch):
+    played = []
+
+    class FakePlayer:
+        def __init__(self, world, params, policy):
+            self.scene = world.scenes[0].name
+
+        def __call__(self, policy_params, scene, seed, episodes):
+            played.append((self.scene, episodes))
+            return FakePrograms.player(FakePrograms(preset("quick"), 1), (0.0, True, None), 0, seed, episodes)
+
+    monkeypatch.setattr(cells, "SCRIPTED", {"planner": (None, None)})
+    monkeypatch.setattr(cells, "Player", FakePlayer)
+    first = run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert played == [(scene, 40) for scene in cells.GROUPS[0]]
+    later = {"git_commit": "def", "device": "another", "versions": {}}
+    monkeypatch.setattr(tables, "provenance", lambda: later)
+    again = run(table3, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert len(played) == 3
+    for result in (first, again):
+        rows = [row for row in result["rows"] if row["method"] == "planner"]
+        assert {(row["commit"], row["device"], row["episodes"]) for row in rows} == {("abc", "none", 40)}
+    new = [row for row in again["rows"] if row["method"] == "HSAC without language"]
+    assert {(row["commit"], row["device"]) for row in new} == {("def", "another")}
+
+
 def refused(run, capsys, *arguments):
     with pytest.raises(SystemExit) as stop:
         run(*arguments)
@@ -172,6 +204,7 @@ def refused(run, capsys, *arguments):
         (("--seeds", "0"), ["--seeds is 0", "from 1"]),
         (("--converged", "100"), ["--converged is 100", "multiple of 128000"]),
         (("--suite", "easy"), ["--suite 'easy'", "parity"]),
+        (("--seed", str(2**31)), ["--seed is 2147483648", "validation"]),
     ],
 )
 def test_bad_options_name_field_value_and_remedy(run, capsys, arguments, words, tmp_path):
@@ -188,6 +221,13 @@ def test_results_of_another_configuration_are_not_mixed(run, capsys, tmp_path):
     assert (tmp_path / "out" / "table2.json").read_bytes() == before
     (tmp_path / "out" / "table2.json").write_text("{}")
     assert "is no result of this program" in refused(run, capsys, table2, "--seeds", "2", "--episodes", "20")
+    line = refused(run, capsys, table3, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert "table2.json is no result of a table" in line and "move it away" in line
+
+
+def test_a_table_of_nothing_is_none(run, capsys, tmp_path):
+    assert "--suite both" in refused(run, capsys, table1, "--suite", "none")
+    assert not (tmp_path / "out" / "table1.json").exists()
 
 
 def test_trainings_of_another_configuration_are_not_used(run, capsys, tmp_path):
