@@ -91,6 +91,7 @@ class Study:
         self.options = options
         self.methods = {name: cells.METHODS[name] for name in methods}
         self.console = Console(stderr=True)
+        self._played = set()  # (method, group of scenes) in this call
         self._where = provenance()  # of the code that runs, whatever is committed meanwhile
         scene_study.make_folder(options.runs, "--runs")
         scene_study.make_folder(options.out)
@@ -211,6 +212,7 @@ class Study:
                         self._train(programs, method, scene, index)
                     _training(folder, self._identity(config))
                     self._play(programs, folder, method, index, episodes)
+                    self._played.add((name, group))
                 meta = _training(folder, self._identity(config))
                 summary, _ = self._load(played, (options.seeds, episodes))
                 good = [seed for seed in range(options.seeds) if meta["broken"][seed] is None]
@@ -296,8 +298,8 @@ class Study:
         for group in cells.GROUPS:
             world, params = PRESETS["quick"].world.of_scenes(group).world(), default_params(group)
             for name, method in self.methods.items():
-                episodes = self._recorded(method, group)
-                if episodes:
+                drawn = _figure(folder, name, group).exists() and (name, group) not in self._played
+                if not drawn and (episodes := self._recorded(method, group)):
                     _draw(folder, name, world, params, episodes)
             for name, (policy, policy_params) in cells.SCRIPTED.items():
                 asked = [i for i, scene in enumerate(group) if self.options.asked(scene)]
