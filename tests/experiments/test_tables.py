@@ -1,9 +1,11 @@
 """The tables from end to end, with trainings and plays made up: what is done again, what is not, what is refused."""
 
+import dataclasses
 import json
 import shutil
 
 import cells
+import jax
 import numpy as np
 import pytest
 import report
@@ -13,9 +15,11 @@ import table3
 import tables
 import tune
 
+from jaxnav.training import evaluation
 from jaxnav.training.config import preset, to_json
-from jaxnav.training.population import Trained
+from jaxnav.training.population import Trained, member
 from jaxnav.training.rollout import EpisodeSummary
+from jaxnav.world import Params
 
 SCENES = [scene for group in cells.GROUPS for scene in group]
 
@@ -187,6 +191,39 @@ def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, m
         assert {(row["commit"], row["device"], row["episodes"]) for row in rows} == {("abc", "none", 40)}
     new = [row for row in again["rows"] if row["method"] == "HSAC without language"]
     assert {(row["commit"], row["device"]) for row in new} == {("def", "another")}
+
+
+def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
+    """In miniature, with nothing made up: what a row says is what `Evaluator` finds of the policy that was kept."""
+    base = preset("quick", "a2c")
+    small = dataclasses.replace(
+        base,
+        world=dataclasses.replace(base.world, scenes=("square",), beams=16, params=Params(max_steps=40.0)),
+        agent=dataclasses.replace(base.agent, actor_widths=(16,), critic_widths=(16,)),
+        train=dataclasses.replace(base.train, episodes=8, steps_per_chunk=5, total_steps=10),
+    )
+    monkeypatch.setattr(cells, "configuration", lambda method, scenes, env_steps: small)
+    monkeypatch.setattr(cells, "GROUPS", (("square",),))
+    monkeypatch.setattr(cells, "SCRIPTED", {})
+    monkeypatch.setattr(tables, "PAPER_STEPS", 40)
+    monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
+    monkeypatch.setattr(report, "draw", lambda result, path: None)
+    for module in (cells, evaluation):
+        monkeypatch.setattr(module, "BLOCK", 16)
+    sizes = ["--seeds", "2", "--episodes", "16", "--converged", "80", "--suite", "parity"]
+    tables.main("table1", ("A2C",), [], [*sizes, "--runs", str(tmp_path), "--out", str(tmp_path / "out")])
+    rows = json.loads((tmp_path / "out" / "table1.json").read_text())["rows"]
+    assert [(row["budget"], row["env_steps"]) for row in rows] == [("paper", 40), ("converged", 80)]
+    programs = cells.Programs(small, 2)
+    early, late = (programs.policies(tmp_path / f"a2c-square-{row['budget']}") for row in rows)
+    assert any((a != b).any() for a, b in zip(jax.tree.leaves(early), jax.tree.leaves(late), strict=True))
+    evaluator = evaluation.Evaluator(programs.population.world, programs.agent, small.world.params)
+    for seed in range(2):
+        found = evaluator.summaries(member(late, seed), 16, 7, phrases="test")
+        for field, plays in (("success", "arrived"), ("collision", "collided"), ("timeout", "truncated")):
+            assert rows[1][field]["per_seed"][seed] == getattr(found, plays).mean()
+        comfort = found.comfortable_steps.sum() / found.steps.sum()
+        assert rows[1]["comfort"]["per_seed"][seed] == pytest.approx(comfort) and 0 < comfort < 1
 
 
 def refused(run, capsys, *arguments):
