@@ -18,9 +18,6 @@ from jaxnav.training.config import Hyperparameters, RunConfig, TrainConfig
 from jaxnav.training.run import Run
 from jaxnav.world import Params, WorldConfig
 
-# One worker trains what they all look at.
-pytestmark = pytest.mark.xdist_group("cli")
-
 # The smallest run worth interrupting: 12 chunks, each evaluated and saved.
 SIZES = {
     "scene": "square", "world.beams": 16, "world.params.max-steps": 12, "agent.actor-widths": 16,

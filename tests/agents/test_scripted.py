@@ -13,9 +13,6 @@ from jaxnav.training.evaluation import episode_keys
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 from jaxnav.world.types import NONE, STOP
 
-# Two workers would compile its programs twice.
-pytestmark = pytest.mark.xdist_group("scripted")
-
 ROBOTS = (straight_line, planner, orca_robot)
 BOTH, DEAF, MUTED = Tongue(True, True), Tongue(False, True), Tongue(True, False)
 HARD = (*SUITES["hard"], *SUITES["hard-laser"])

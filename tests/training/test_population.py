@@ -11,9 +11,6 @@ from jaxnav.agents.hsac import Hyperparameters
 from jaxnav.training.config import make_agent, resolve
 from jaxnav.training.population import Population, member
 
-# Two workers would compile its population twice.
-pytestmark = pytest.mark.xdist_group("population")
-
 SEEDS = (0, 1, 2, 0)
 MEMBERS = [{}, {"actor_lr": 3e-4}, {"critic_lr": 3e-3}, {"discount": 0.5}]
 
