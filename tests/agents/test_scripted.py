@@ -18,7 +18,7 @@ BOTH, DEAF, MUTED = Tongue(True, True), Tongue(False, True), Tongue(True, False)
 HARD = (*SUITES["hard"], *SUITES["hard-laser"])
 GIVEN = (*SUITES["parity"], *SUITES["hard"])  # a twin of the hard suite is the same to those who look at nobody
 STEPS = 100
-BLOCK = 500
+BLOCK = 250
 
 
 class Played(NamedTuple):

@@ -1,7 +1,6 @@
 """The world as a whole: events, determinism, gradients, no retracing, and errors that name what is wrong."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -128,77 +127,6 @@ def test_a_reset_draws_its_scene_evenly():
     keys = jax.random.split(jax.random.key(0), 3000)
     drawn = jax.jit(jax.vmap(lambda key: world.reset(key, Params()).scene))(keys)
     assert np.bincount(drawn) / 3000 == pytest.approx([1 / 3] * 3, abs=0.04)
-
-
-BATCH, HORIZON = 192, 5
-
-
-@pytest.fixture(scope="module")
-def gradient():
-    """(state, twists `[5, 2]`, params), a batch of each -> ((5-step return, whether every step
-    ended the episode), gradients of the return by twists and params).
-
-    Two walls are avoided at once instead of four: that halves the time to compile.
-    """
-    world = World(WorldConfig(wall_neighbors=2))
-
-    def total(state, twists, params):
-        def step(state, twist):
-            return world.step(jax.random.key(0), state, Action(twist=twist, code=jnp.int32(2)), params)
-
-        outcomes = jax.lax.scan(step, state, twists)[1]
-        return jnp.sum(outcomes.reward), jnp.all(outcomes.terminated)
-
-    return jax.jit(jax.vmap(jax.value_and_grad(total, argnums=(1, 2), has_aux=True)))
-
-
-def floats(count=BATCH, **params):
-    return jax.tree.map(lambda value: np.full(count, value, np.float32), Params(**params))
-
-
-def test_gradients_are_finite_in_all_scenes(gradient, random_episodes):
-    """From states along random episodes: encounters open and closed, in contact with people and beyond walls."""
-    rng = np.random.default_rng(0)
-    at = rng.integers(0, 60, BATCH), rng.integers(0, random_episodes[0].t.shape[1], BATCH)
-    state = jax.tree.map(lambda leaf: leaf[at], random_episodes[0])
-    assert state.encounters.is_open.sum() > 20
-    twists = rng.uniform(-1, 1, (BATCH, HORIZON, 2)).astype(np.float32)
-    twists[:4] = 0.0
-    twists[4:8] = [-1.0, 0.0]  # standing still
-    (_, over), gradients = gradient(state, twists, floats(awareness=2.0, neighbor_distance=2.0))
-    for name, leaf in (("twists", gradients[0]), *gradients[1].items()):
-        assert np.all(np.isfinite(leaf)), name
-    # The twists matter everywhere but where all five steps collide or arrive, for a constant each.
-    idle = np.abs(gradients[0]).sum(axis=(1, 2)) == 0
-    assert np.all(over[idle])
-    assert idle.mean() < 0.1
-
-
-def test_gradients_are_those_of_finite_differences(gradient, situation):
-    """Away from events: passing a walker, who is near enough to cost and too far to react, on a curve."""
-    state = situation(robot=(0.0, 0.0, 0.2), pedestrians=[(1.8, 0.9, -4.5, 0.7)], met=True)
-    names = (
-        "dt", "max_v", "max_w", "robot_radius", "body_radius", "preferred_speed", "safe_distance", "reward_progress",
-        "reward_step", "reward_closeness",
-    )  # fmt: skip
-    start = np.array([[0.2, 0.1], [0.4, -0.3], [0.1, 0.2], [-0.2, 0.4], [0.3, -0.1]], np.float32)
-    size = start.size + len(names)
-    twists, params = np.tile(start, (BATCH, 1, 1)), floats(max_speed=1.0)
-    step = {name: np.float32(max(abs(Params()[name]), 0.3) * 5e-3) for name in names}
-    for i in range(start.size):
-        twists.reshape(BATCH, -1)[2 * i, i] += 5e-3
-        twists.reshape(BATCH, -1)[2 * i + 1, i] -= 5e-3
-    for i, name in enumerate(names, start.size):
-        params[name][2 * i] += step[name]
-        params[name][2 * i + 1] -= step[name]
-    states = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (BATCH, *np.shape(leaf))), state)
-    (value, _), (by_twists, by_params) = gradient(states, twists, params)
-
-    width = 2 * np.array([5e-3] * start.size + [step[name] for name in names])
-    differences = (value[0 : 2 * size : 2] - value[1 : 2 * size : 2]) / width
-    exact = np.concatenate([by_twists[-1].ravel(), [by_params[name][-1] for name in names]])
-    np.testing.assert_allclose(exact, differences, rtol=0.02, atol=0.3)
-    assert np.all(np.abs(exact) > 0.5)
 
 
 def test_steps_are_traced_once(default, situation, action):
