@@ -77,8 +77,6 @@ class Hyperparameters:
         reward_scale: factor on rewards.
         word_noise: norm of the noise on the unit vectors of what is said, in training.
         word_errors: share of what is said that speech recognition garbles, in training.
-        word_mistakes: share of what is said that is a phrase of another message, in training: phrases of which it was
-            never taught the meaning will be misunderstood, and who never was doesn't look whether it makes sense.
         message_weight: of the auxiliary loss, by which the actor learns what phrases mean.
     """
 
@@ -96,7 +94,6 @@ class Hyperparameters:
     reward_scale: float = 0.01
     word_noise: float = 0.6
     word_errors: float = 0.1
-    word_mistakes: float = 0.05
     message_weight: float = 1.0
 
 
@@ -271,9 +268,7 @@ class HSAC:
     def _training_vocabulary(self, hyper) -> Any:
         if self.config.language == "codes":
             return None
-        return self.vocabulary.replace(
-            noise=hyper.word_noise, error_share=hyper.word_errors, mistaken_share=hyper.word_mistakes
-        )
+        return self.vocabulary.replace(noise=hyper.word_noise, error_share=hyper.word_errors)
 
     def _policy(self, actor, observation, spoken) -> Any:
         """Mean, log_std and logits."""

@@ -18,8 +18,8 @@ class Vocabulary:
 
     said: `[M, DIMENSIONS]`; row, side, message, reply: `[N]`, phrases ordered by split, message and, last, recognition
     errors; first, clean, errors: `[4]` where a message's phrases begin, how many there are, and how many more that
-    speech recognition garbled; error_share: of draws that are garbled; mistaken_share: of draws that are a phrase of
-    another message; noise: norm of the noise that is added to a vector, drawn from noises `[n, DIMENSIONS]`.
+    speech recognition garbled; error_share: of draws that are garbled; noise: norm of the noise that is added to a
+    vector, drawn from noises `[n, DIMENSIONS]`.
     """
 
     said: chex.Array
@@ -31,7 +31,6 @@ class Vocabulary:
     clean: chex.Array
     errors: chex.Array
     error_share: chex.Array
-    mistaken_share: chex.Array
     noise: chex.Array
     noises: chex.Array
 
@@ -45,11 +44,6 @@ class Vocabulary:
     def phrase(self, message, utterance):
         """(index of the phrase, a random uint32) for a message and an utterance."""
         word = _scramble(jnp.asarray(utterance, jnp.uint32))
-        # Bits of its own: what is said instead of it is no matter of whether that is garbled too.
-        other = _scramble(~word)
-        mistaken = (other >> 16).astype(jnp.float32) < self.mistaken_share * 65536.0
-        step = 1 + (other & 0xFFFF).astype(jnp.int32) % (len(MESSAGES) - 1)
-        message = jnp.where(mistaken, (message + step) % len(MESSAGES), message)
         errors, clean = jnp.asarray(self.errors)[message], jnp.asarray(self.clean)[message]
         # The upper half decides whether it is garbled, the whole which one it is.
         garbled = (word >> 16).astype(jnp.float32) < self.error_share * 65536.0
@@ -67,7 +61,7 @@ class Vocabulary:
         return jnp.concatenate([said, side[..., None]], axis=-1)
 
 
-def vocabulary(split="train", error_share=0.0, noise=0.0, mistaken_share=0.0, table=None):
+def vocabulary(split="train", error_share=0.0, noise=0.0, table=None):
     """The `Vocabulary` of a split. ValueError: there is no split of that name.
 
     Vocabularies of one table have one shape: a compiled program takes any of them.
@@ -92,8 +86,7 @@ def vocabulary(split="train", error_share=0.0, noise=0.0, mistaken_share=0.0, ta
         first=np.array([np.argmax(block) for block in blocks], np.int32),
         clean=np.array([np.sum(block & (places[:, 2] == 0)) for block in blocks], np.int32),
         errors=np.array([np.sum(block & (places[:, 2] == 1)) for block in blocks], np.int32),
-        error_share=np.float32(error_share), mistaken_share=np.float32(mistaken_share), noise=np.float32(noise),
-        noises=noises.astype(np.float32),
+        error_share=np.float32(error_share), noise=np.float32(noise), noises=noises.astype(np.float32),
     )  # fmt: skip
 
 

@@ -282,7 +282,7 @@ def resolve(config: RunConfig) -> RunConfig:
 
 _FRACTIONS = (
     "discount", "tau", "average", "final_lr", "target_entropy_code", "backup_entropy", "gae_lambda", "word_errors",
-    "word_mistakes", "initial_std",
+    "initial_std",
 )  # fmt: skip
 _ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm")
 

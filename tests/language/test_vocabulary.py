@@ -43,31 +43,6 @@ def test_so_many_are_garbled(share):
     assert {phrase.message for phrase in said} == {2}
 
 
-def test_so_many_are_phrases_of_each_other_message_garbled_or_not():
-    for message in range(len(MESSAGES)):
-        said = spoken("train", message, error_share=0.25, mistaken_share=0.3)
-        for other in range(len(MESSAGES)):
-            share = 0.7 if other == message else 0.1
-            assert np.mean([phrase.message == other for phrase in said]) == pytest.approx(share, abs=0.02)
-        wrong = [phrase.kind == ERROR for phrase in said if phrase.message != message]
-        possible = [table_errors(other) for other in range(len(MESSAGES)) if other != message]
-        assert np.mean(wrong) == pytest.approx(0.25 * np.mean(possible), abs=0.03)
-
-
-def test_who_makes_no_mistakes_says_the_same_as_ever():
-    """What evaluations hear doesn't depend on the mistakes that training knows: whoever makes none draws none."""
-    few, none = vocabulary("train", error_share=0.2, mistaken_share=0.1), vocabulary("train", error_share=0.2)
-    messages = np.arange(UTTERANCES.size) % len(MESSAGES)
-    (a, noise), (b, same) = (v.phrase(messages, UTTERANCES) for v in (few, none))
-    meant = few.message[np.asarray(a)] == messages
-    np.testing.assert_array_equal(np.asarray(a)[meant], np.asarray(b)[meant])
-    np.testing.assert_array_equal(noise, same)
-
-
-def table_errors(message):
-    return any((p.split, p.message, p.kind) == ("train", message, ERROR) for p in table.phrases)
-
-
 def test_vectors_are_those_of_the_phrases_and_silence_is_zero():
     words = vocabulary("test")
     look_up = jax.jit(lambda v, m, u: v.look_up(m, u))
