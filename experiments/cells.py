@@ -54,6 +54,7 @@ MAIN = "HSAC"
 METHODS = {
     MAIN: Method("hsac"),
     "HSAC, 2 codes": Method("hsac", codes=2),
+    "HSAC that only hears": Method("hsac", codes=1),
     "HSAC without language": Method("hsac", codes=1, hears=False),
     "HSAC muted": Method("hsac", voice=False),
     "HSAC told what is meant": Method("hsac", told=True),

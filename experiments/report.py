@@ -20,6 +20,24 @@ NAMES = {
     "steps": "steps", "min_distance": "minimum distance (m)", "comfort": "comfort", "train_hours": "training (h)",
 }  # fmt: skip
 RATES = ("success", "collision", "human_collision", "timeout")
+# What a method hears and may ask, where its name doesn't tell.
+MEANINGS = {
+    "HSAC": "HSAC: hybrid soft actor-critic, hearing phrases of the test split, with all that there is to ask.",
+    "HSAC, 2 codes": "2 codes: it may ask to stop, and nothing else.",
+    "HSAC muted": "Muted: HSAC, whose requests nobody hears when it is played.",
+    "HSAC told what is meant": "Told what is meant: HSAC, given the message itself when it is played.",
+    "HSAC that only hears": "Only hears: trained with nothing to ask.",
+    "HSAC without language": "Without language: trained where nobody speaks, with nothing to ask.",
+    "TD3": "TD3, PPO and A2C are given the message itself, and can't ask.",
+    "planner": "The planner knows the map and the message itself, and asks; straight line and ORCA do neither.",
+}
+
+# The end at which methods differ is drawn larger: each doubling of failures is as long, but below a hundredth.
+STRETCHED = {
+    "success": (lambda y: -np.log(1.01 - y), lambda z: 1.01 - np.exp(-z)),
+    "human_collision": (lambda y: np.log(0.01 + y), lambda z: np.exp(z) - 0.01),
+}
+TICKS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 # The paper's Tables I to III: {table: {scene: {method: {field: number}}}}.
 _PAPER = {
@@ -167,7 +185,7 @@ def _table(header, rows):
 def markdown(result):
     """The result as Markdown: facts, a table a suite and budget, the paper's numbers, suites, pairs, seeds left out."""
     grid = Grid.of(result)
-    lines = [_facts(result)]
+    lines = _facts(result)
     for suite in grid.suites:
         for budget, methods in grid.methods.items():
             if methods:
@@ -181,31 +199,39 @@ def markdown(result):
 
 
 def _facts(result):
-    rows, facts = result["rows"], f"{TITLES.get(result['table'], result['table'])}. "
+    """What one has to know to read the tables: a list of Markdown."""
+    rows, facts = result["rows"], []
     learnt = [row for row in rows if row["budget"] != "none"]
     if learnt:
         budgets = dict.fromkeys(row["budget"] for row in learnt)
         steps = {b: _span([row for row in learnt if row["budget"] == b], "env_steps") for b in budgets}
         seeds = [{"seeds": len({*map(str, row["seeds"]), *row["excluded"]})} for row in learnt]
-        facts += (
-            f"Budgets: {', '.join(f'{budget} ({count} environment steps)' for budget, count in steps.items())}; "
-            f"{_span(seeds, 'seeds')} seeds, trained at once in {_span(learnt, 'train_seconds')} s. "
-        )
-    if rows:
-        learnt = [row for row in rows if row["budget"] != "none"] or rows
-        facts += f"{_span(learnt, 'episodes')} episodes a scene with each seed: of the same ones the first. "
-    return facts + (
-        f"Device: {_each(rows, 'device')}; commits of the rows: {_each(rows, 'commit')}; {result['wall_seconds']:,.0f} "
-        "s in all. Our scenes "
-        "are not the paper's. Intervals of 95 %: percentile bootstrap of the mean over seeds (a point where all seeds "
-        "agree; of five seeds it covers less than 95 %); of a scripted robot or one seed Wilson's over episodes. Bold: "
-        "the highest mean success of a learnt method in a scene, as printed; no test of significance."
-    )
+        facts += [
+            f"Budgets: {', '.join(f'{budget} ({count} environment steps)' for budget, count in steps.items())}. "
+            f"{_span(seeds, 'seeds')} seeds, trained at once: training (s) is of all of them together, from the start, "
+            "with compilation in the first scene of those that share a program.",
+            f"Encoder {_each(learnt, 'encoder')}; sizes of the preset quick; learning rates and the like as tuned "
+            "([tuning.md](tuning.md)).",
+        ]
+    facts += [MEANINGS[method] for method in MEANINGS if method in {row["method"] for row in rows}]
+    return [
+        f"{TITLES.get(result['table'], result['table'])}. Our scenes are not the paper's.", "",
+        *(f"- {fact}" for fact in facts),
+        "- All play the same episodes; who plays fewer plays the first of them. Comfort is the share of steps at 0.5 m "
+        "or more from everybody; steps, of 0.4 s, and minimum distance are of the episodes that arrived.",
+        "- Intervals of 95 %: percentile bootstrap of the mean over seeds (a point where all seeds agree; of five "
+        "seeds it covers less than 95 %); of a scripted robot or one seed Wilson's over episodes. Bold: the highest "
+        "mean success of a learnt method in a scene, as printed; no test of significance.",
+        f"- Device: {_each(rows, 'device')}. Commits of the rows (with +: and changes that were not committed): "
+        f"{_each(rows, 'commit')}.",
+    ]  # fmt: skip
 
 
 def _measures(grid, suite, budget):
     fields = {"collision": 3, "human_collision": 3, "timeout": 3, "steps": 2, "min_distance": 2, "comfort": 3}
-    header = ["scene", "method", "seeds", "success (95 % interval)", *(NAMES[f] for f in fields), "training (s)"]
+    header = [
+        "scene", "method", "seeds x episodes", "success (95 % interval)", *(NAMES[f] for f in fields), "training (s)",
+    ]  # fmt: skip
     lines, learnt = [], budget != "none"
     for scene in grid.suites[suite]:
         rows = {method: grid.rows.get((suite, budget, scene, method)) for method in grid.methods[budget]}
@@ -217,7 +243,8 @@ def _measures(grid, suite, budget):
                 continue
             bold = "**" if shown[method] == best else ""
             lines.append([
-                scene, f"{bold}{method}{bold}", str(len(row["success"]["per_seed"])) if learnt else "-",
+                scene, f"{bold}{method}{bold}",
+                f"{len(row['success']['per_seed'])} x {row['episodes']:,}" if learnt else f"{row['episodes']:,}",
                 f"{bold}{_with_interval(row['success']['mean'], row['success']['ci95'])}{bold}",
                 *(_number(row[field]["mean"], digits) for field, digits in fields.items()),
                 f"{row['train_seconds']:,.0f}" if learnt else "-",
@@ -337,6 +364,10 @@ def figure_of(result):
                           color=colour, label=f"{method} seeds")  # fmt: skip
         if axes is not panels[k, 0]:
             axes.sharey(panels[k, 0])  # suites and budgets are compared
+        axes.set_yscale("function", functions=STRETCHED[field])
+        axes.set_yticks(TICKS if field == "human_collision" else [1 - tick for tick in TICKS])
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set_ylim((-0.0012, 1.15) if field == "human_collision" else (-0.15, 1.0012))
         axes.set_xlim(-0.5, len(scenes) - 0.5)
         axes.set_xticks(range(len(scenes)), [scene.replace("-", "\n") for scene in scenes])
         axes.tick_params(axis="x", length=0)
@@ -352,7 +383,7 @@ def figure_of(result):
     ]
     figure.legend(handles=handles, loc="outside right upper", frameon=False)
     figure.supxlabel(
-        "dots: seeds; bars: their mean; open marks: scripted robots\n"
+        "dots: seeds; bars: their mean; open marks: scripted robots; scales are stretched toward no failures\n"
         "lines: 95 % intervals, of the mean over seeds or, of a scripted robot, Wilson's over episodes",
         fontsize=9, color=palette.FAINT_INK,
     )  # fmt: skip

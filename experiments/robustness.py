@@ -119,8 +119,9 @@ def study(options):
         "episodes": episodes, "seed": options.seed, "steps": options.steps,
         "configs": {robot: _identity(configuration(options, robot)) for robot in ROBOTS},
     }  # fmt: skip
-    result = {"command": f"python experiments/{PROGRAM}.py", **identity, "plays": {}}
+    result = {"command": f"python experiments/{PROGRAM}.py", **identity, **provenance()}
     result["plays"] = scene_study.stored(path, identity, "plays", {})
+    result["commits"] = scene_study.stored(path, identity, "commits", {})
     robots = {robot: trained(options, robot, console) for robot in ROBOTS}
     usual, arrived = _usual(), None
     for robot, (run, actor) in robots.items():
@@ -135,12 +136,11 @@ def study(options):
                 success = arrived(actor, params, options.seed, episodes).mean(axis=1)
                 names = [scene.name for scene in run.world.scenes]
                 result["plays"][key] = dict(zip(names, map(float, success), strict=True))
+                result["commits"][key] = result["git_commit"]
                 console.print(f"{key}: {success.round(4)}")
-                scene_study.write(path, result | provenance())
-    where = provenance()
-    if arrived is None:  # nothing was played: the file's own commit and device stay
-        where = {name: scene_study.stored(path, identity, name, value) for name, value in where.items()}
-    result |= where
+                scene_study.write(path, result)
+    if arrived is None:  # nothing was played: the file's own device stays
+        result["device"] = scene_study.stored(path, identity, "device", result["device"])
     scene_study.write(path, result)
     path.with_suffix(".md").write_text(table(result))
     draw(result, path.with_suffix(".png"))
@@ -166,13 +166,14 @@ def mean_and_interval(result, robot, name, value):
 
 def table(result):
     """The result as Markdown."""
+    commits = ", ".join(sorted(set(map(str, result["commits"].values()))))
     scenes = list(next(iter(result["plays"].values())))
     lines = [
         "Success of a plain and of a robust robot in the parity suite, one training seed each, "
         f"{result['steps'] * 256:,} environment steps; {result['episodes']:,} episodes a scene and value, episode seed "
         f"{result['seed']}, test phrases. The robust one is the preset of that name: all of these were drawn anew for "
         "each of its episodes. Everything but the field named has its default. "
-        f"Device: {result['device']}; commit {result['git_commit']}. Our scenes are not the paper's.",
+        f"Device: {result['device']}; commits: {commits}. Our scenes are not the paper's.",
     ]  # fmt: skip
     for name, (label, values) in AXES.items():
         lines += [

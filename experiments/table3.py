@@ -1,16 +1,18 @@
-"""Table III: with and without language, the same robot muted, and told what is meant instead of hearing it said.
+"""Table III: with and without language, the half of it that is hearing, the same robot muted, and one that is told what
+is meant instead of hearing it said.
 
 python experiments/table3.py --help
 """
 
 import tables
 
-METHODS = ("HSAC", "HSAC muted", "HSAC told what is meant", "HSAC without language")
+METHODS = ("HSAC", "HSAC muted", "HSAC told what is meant", "HSAC that only hears", "HSAC without language")
+PAIRS = [("HSAC", other) for other in METHODS[1:]] + [("HSAC that only hears", "HSAC without language")]
 
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table3", METHODS, [("HSAC", other) for other in METHODS[1:]], arguments)
+    tables.main("table3", METHODS, PAIRS, arguments)
 
 
 if __name__ == "__main__":

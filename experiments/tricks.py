@@ -174,7 +174,8 @@ def table(result):
     """The result as Markdown."""
     some = next(iter(result["tricks"].values()))
     lines = [
-        f"Hybrid SAC with one thing changed at a time; {result['seeds']} seeds trained at once, validation seed and "
+        "Hybrid SAC, its hyperparameters as they are by default, with one thing changed at a time; "
+        f"{result['seeds']} seeds trained at once, validation seed and "
         f"phrases, 500 episodes a scene and evaluation. Parity suite: {result['parity_steps']} steps of 256 episodes; "
         f"updates until {THRESHOLD} in every scene twice in a row, and seconds (compiled, training alone, divided by "
         f"the seeds trained at once), medians. Hard scenes ({', '.join(result['hard_scenes'])}): "

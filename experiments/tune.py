@@ -110,16 +110,20 @@ def table(result):
     """The result as Markdown."""
     lines = [
         f"Random search over the floats of each algorithm: {result['trials']} trials of {STEPS:,} environment steps, "
-        f"the first with its defaults, all trained at once in {', '.join(SCENES)}; the score is the mean success over "
-        "these scenes, 500 episodes each of the validation seed. Sizes were not tuned.",
-        "", "| algorithm | default | best | worst | chosen | device |", "|---|---|---|---|---|---|",
+        f"the first with its defaults, all trained at once, each on {', '.join(SCENES)} together and with one training "
+        "seed; the score is the mean success over these scenes, 500 episodes each of the validation seed. Sizes were "
+        "not tuned.",
+        "", "| algorithm | default | best | worst | chosen | device | commit |", "|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for algo, found in result["algorithms"].items():
         scores = [trial["score"] for trial in found["trials"]]
         broken = sum(trial["broken"] is not None for trial in found["trials"])
         worst = f"{min(scores):.3f}" + (f" ({broken} turned non-finite: 0)" if broken else "")
         chosen = ", ".join(f"{name} {value:.4g}" for name, value in found["best"].items())
-        lines.append(f"| {algo} | {scores[0]:.3f} | {max(scores):.3f} | {worst} | {chosen} | {found['device']} |")
+        lines.append(
+            f"| {algo} | {scores[0]:.3f} | {max(scores):.3f} | {worst} | {chosen} | {found['device']} | "
+            f"{found['git_commit']} |"
+        )
     return "\n".join(lines) + "\n"
 
 

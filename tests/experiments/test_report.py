@@ -53,7 +53,7 @@ def learnt(suite, budget, scene, method):
     steps, seconds = {"paper": 128_000, "converged": 1_000_000}[budget], 110 * (1 + LEARNT.index(method))
     return {
         "suite": suite, "scene": scene, "method": method, "budget": budget, "env_steps": steps, "seeds": [0, 1, 2, 3],
-        "excluded": {}, "episodes": 200, **fields(success_of(suite, budget, scene, method)),
+        "encoder": "lidar", "excluded": {}, "episodes": 200, **fields(success_of(suite, budget, scene, method)),
         "train_seconds": seconds, "commit": "c0ffee", "device": "Abacus",
     }  # fmt: skip
 
@@ -267,15 +267,16 @@ def test_rates_of_the_paper_are_rates():
 # --- Markdown
 
 
-def test_the_first_line_has_the_facts():
-    first = report.markdown(made_up()).splitlines()[0]
+def test_the_facts_come_first():
+    text = report.markdown(made_up()).split("\n\n**")[0]
     for fact in (
-        "Methods. ", "paper (128,000 environment steps), converged (1,000,000 environment steps)", "; 4 seeds, ",
-        "trained at once in 110 to 440 s", "200 episodes a scene",
-        "Device: Abacus; commits of the rows: c0ffee, decaf; 12,345 s in all",
-        "Our scenes are not the paper's.",
+        "Methods. Our scenes are not the paper's.",
+        "paper (128,000 environment steps), converged (1,000,000 environment steps). 4 seeds, ",
+        "Encoder lidar; ", "TD3, PPO and A2C are given the message itself", "The planner knows the map",
+        "Device: Abacus. Commits of the rows", "c0ffee, decaf.",
     ):  # fmt: skip
-        assert fact in first
+        assert fact in text
+    assert "muted" not in text.lower(), "what isn't in the table isn't explained"
 
 
 def test_a_row_has_all_measures():
@@ -284,7 +285,7 @@ def test_a_row_has_all_measures():
     assert [row[0] for row in rows[::4]] == list(SUITES["hard"])
     low, high = report.measure(success_of("hard", "paper", "doorway", "TD3"))["ci95"]
     assert rows[5][2:] == [
-        "4", f"0.299 ({low:.3f}-{high:.3f})", "0.701", "0.351", "0.000", "21.12", "0.38", "0.875", "220"
+        "4 x 200", f"0.299 ({low:.3f}-{high:.3f})", "0.701", "0.351", "0.000", "21.12", "0.38", "0.875", "220"
     ]  # fmt: skip
 
 
@@ -304,7 +305,7 @@ def test_the_best_learnt_method_of_each_scene_is_bold():
     scripted_rows = table_below(text, "**parity suite, scripted robots**")
     assert len(scripted_rows) == 6 and "**" not in str(scripted_rows)
     low, high = wilson_interval(199, 200)
-    assert scripted_rows[1][:4] == ["square", "planner", "-", f"0.995 ({low:.3f}-{high:.3f})"]
+    assert scripted_rows[1][:4] == ["square", "planner", "200", f"0.995 ({low:.3f}-{high:.3f})"]
     assert scripted_rows[1][-1] == "-"  # nothing is trained
 
 
@@ -329,7 +330,7 @@ def test_a_seed_left_out_is_named():
     text = report.markdown(result)
     sentence = "seed 4 of TD3 in narrow turned non-finite by step 51,200 and is left out"
     assert text.splitlines()[-1] == f"- paper budget: {sentence}"
-    assert "; 4 to 5 seeds, " in text
+    assert ". 4 to 5 seeds, " in text
     assert report.markdown(made_up()).splitlines()[-1] == "No seed turned non-finite."
 
 
@@ -339,7 +340,7 @@ def test_a_method_without_a_seed_left_has_no_numbers():
         row_of(result, "parity", "paper", scene, method).update(fields([]), excluded=dict.fromkeys("0123", 9))
     text = report.markdown(result)
     rows = table_below(text, "**parity suite, paper budget")
-    assert rows[1] == ["square", "TD3", "0", *["-"] * 7, "220"]
+    assert rows[1] == ["square", "TD3", "0 x 200", *["-"] * 7, "220"]
     assert [row[0] for row in rows if "**" in row[1]] == ["square", "crosswalk"]  # none is the best of nothing
     suites = table_below(text, "**Success over suites**")
     assert [row[-1] for row in suites] == [
@@ -374,7 +375,7 @@ def test_a_table_that_has_just_begun():
     one["rows"] = [scripted("hard", "corner", "planner")]
     text = report.markdown(one)
     assert [row[:3] for row in table_below(text, "**hard suite, scripted robots**")] == [
-        [scene, "planner", "-" if scene == "corner" else "not run"] for scene in SUITES["hard"]
+        [scene, "planner", "200" if scene == "corner" else "not run"] for scene in SUITES["hard"]
     ]
     assert "budget" not in text.split("interquartile")[0].split("\n", 1)[1] and "Paired" not in text
 

@@ -44,10 +44,13 @@ def test_every_robot_plays_every_value_once(tmp_path, played, capsys):
     table = (tmp_path / "robustness.md").read_text()
     assert capsys.readouterr().out == table
     assert "| 8 | 0.550 (0.532-0.568) | 0.900 (0.889-0.910) |" in table
-    (tmp_path / "robustness.json").write_text(json.dumps(result | {"git_commit": "that of the plays"}))
+    assert result["commits"].keys() == result["plays"].keys()
+    theirs = result["commits"] | {"plain/crowd_size/8": "one before"}
+    (tmp_path / "robustness.json").write_text(json.dumps(result | {"commits": theirs}))
     program.main(arguments)
     assert len(played) == 2 * values
-    assert "commit that of the plays" in (tmp_path / "robustness.md").read_text()
+    now = result["commits"]["plain/crowd_size/1"]
+    assert f"commits: {', '.join(sorted({str(now), 'one before'}))}." in (tmp_path / "robustness.md").read_text()
     with pytest.raises(SystemExit) as stop:
         program.main(["--out", str(tmp_path), "--episodes", "2000"])
     assert stop.value.code == 2 and "episodes differ" in capsys.readouterr().err

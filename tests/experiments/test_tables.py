@@ -134,7 +134,8 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
     assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # of 2 codes alone
     FakePrograms.done = []
     result = run(table3, "--seeds", "2", "--episodes", "20")
-    assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # without language
+    trained = [what for what in FakePrograms.done if what[0] == "train"]
+    assert len(trained) == 2 * len(SCENES)  # without language, and with half of it
     muted = next(p for p in result["pairs"] if p["other"] == "HSAC muted" and p["budget"] == "converged")
     assert muted["difference"] == pytest.approx(0.1) and (muted["episodes"], muted["seeds"]) == (20, 2)
     FakePrograms.done = []
@@ -305,8 +306,8 @@ def test_tuning_is_not_done_twice(tmp_path, monkeypatch, capsys):
         hyper = {name: base.hyper[name] for name in tune.SPACES[algo]}
         trial = {"hyper": hyper, "success": {"narrow": 0.5}, "score": 0.5, "broken": None}
         return {
-            "best": hyper, "trials": [trial] * options.trials, "device": "none", "agent": to_json(base.agent),
-            "train": to_json(base.train),
+            "best": hyper, "trials": [trial] * options.trials, "device": "none", "git_commit": "abc",
+            "agent": to_json(base.agent), "train": to_json(base.train),
         }  # fmt: skip
 
     monkeypatch.setattr(tune, "tune", fake)
