@@ -52,7 +52,7 @@ class Options:
     """
 
     episodes: int = 1000
-    steps: int = 1500
+    steps: int = 1000
     seed: int = 7
     runs: pathlib.Path = pathlib.Path("runs/robustness")
     out: pathlib.Path = scene_study.RESULTS

@@ -59,8 +59,8 @@ class Options:
 
     tricks: tuple[str, ...] = ()
     seeds: int = 3
-    parity_steps: int = 300
-    hard_steps: int = 500
+    parity_steps: int = 200
+    hard_steps: int = 250
     out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
