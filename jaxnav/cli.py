@@ -30,7 +30,7 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   understand       what sentences mean to a run's policy
   language build   embed the phrases anew, after phrases.csv was changed
 
-  jaxnav train --preset lidar --seed 1             longer, best quality
+  jaxnav train --preset lidar --seed 1             twice as wide, three times as long
   jaxnav train --scene hallway --out runs/hall     one scene
   jaxnav train --scene hard --out runs/hard        scenes in which words are needed
   jaxnav train --algo td3                          a baseline that steers and is silent: td3, ppo or a2c

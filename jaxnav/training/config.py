@@ -108,7 +108,7 @@ class RunConfig:
     """A training run.
 
     Attributes:
-        preset: quick (CPU minutes), robust (its world randomised), lidar (longer, best quality), grid or grid-frozen
+        preset: quick (CPU minutes), robust (its world randomised), lidar (larger, longer), grid or grid-frozen
             (the paper's CNN on grid maps, for a GPU): the defaults of all other values.
         algo: the learner: hsac, or td3, ppo and a2c, which steer only.
         scene: what to train and evaluate on: all (square, hallway, crosswalk), hard, hard-laser, one scene, or the yaml
