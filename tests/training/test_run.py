@@ -140,14 +140,24 @@ def test_a_signal_saves_and_the_rest_can_be_done_later(finished, tmp_path, tiny,
     assert lines(run) == lines(finished[0])
 
 
-def test_a_second_signal_has_its_usual_effect(tmp_path, tiny):
+@pytest.fixture
+def usual_interrupt():
+    """SIGINT interrupts, also where a shell started the tests in the background and had it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_second_signal_has_its_usual_effect(tmp_path, tiny, usual_interrupt):
     run = Run(tiny(tmp_path / "run"))
     run.prepare_folder()
 
     def report(line):
         os.kill(os.getpid(), signal.SIGINT)
         # Two at once may be delivered as one.
-        while signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        for _ in range(500):
+            if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+                break
             time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(5.0)
