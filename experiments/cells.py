@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import report
+import over_seeds
 import scene_study
 
 from jaxnav.agents.networks import message_codes
@@ -154,7 +154,7 @@ class Programs:
 
 
 def measures(summary):
-    """The seven metrics of plays `[seeds, episodes]`, as `report.measure` gives them."""
+    """The seven metrics of plays `[seeds, episodes]`, as `over_seeds.measure` gives them."""
     arrived, episodes = summary.arrived, summary.arrived.shape[1]
 
     def where_arrived(values):
@@ -166,8 +166,8 @@ def measures(summary):
     }  # fmt: skip
     comfort = summary.comfortable_steps.sum(axis=1) / summary.steps.sum(axis=1)
     return {
-        **{name: report.measure(rate.mean(axis=1).tolist(), episodes) for name, rate in rates.items()},
-        "comfort": report.measure(comfort.tolist()),
-        "steps": report.measure(where_arrived(summary.steps)),
-        "min_distance": report.measure(where_arrived(summary.min_distance)),
+        **{name: over_seeds.measure(rate.mean(axis=1).tolist(), episodes) for name, rate in rates.items()},
+        "comfort": over_seeds.measure(comfort.tolist()),
+        "steps": over_seeds.measure(where_arrived(summary.steps)),
+        "min_distance": over_seeds.measure(where_arrived(summary.min_distance)),
     }

@@ -1,4 +1,4 @@
-"""What the paper's three tables are made of, for ours: numbers over seeds, Markdown and a picture of a result.
+"""What the paper's three tables are made of, for ours: the Markdown of a result, with the paper's own numbers.
 
 A result is what tables.py writes, a dict: `table`, `rows` (a scene, method and budget each), `pairs` and provenance.
 """
@@ -6,14 +6,10 @@ A result is what tables.py writes, a dict: `table`, `rows` (a scene, method and 
 import dataclasses
 import itertools
 
-import numpy as np
-from scipy.stats import bootstrap, trim_mean
+from over_seeds import REACHED, suite_iqm
 
-from jaxnav.training.evaluation import wilson_interval
 from jaxnav.world import SCENES, SUITES
 
-RESAMPLES = 9999
-REACHED = 0.95  # success of a run that learnt its scene
 TITLES = {"table1": "Methods", "table2": "Two codes against four", "table3": "With and without language, and muted"}
 NAMES = {
     "success": "success", "collision": "collision", "human_collision": "human collisions", "timeout": "time-outs",
@@ -31,13 +27,6 @@ MEANINGS = {
     "TD3": "TD3, PPO and A2C are given the message itself, and can't ask.",
     "planner": "The planner knows the map and the message itself, and asks; straight line and ORCA do neither.",
 }
-
-# The end at which methods differ is drawn larger: each doubling of failures is as long, but below a hundredth.
-STRETCHED = {
-    "success": (lambda y: -np.log(1.01 - y), lambda z: 1.01 - np.exp(-z)),
-    "human_collision": (lambda y: np.log(0.01 + y), lambda z: np.exp(z) - 0.01),
-}
-TICKS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 # The paper's Tables I to III: {table: {scene: {method: {field: number}}}}.
 _PAPER = {
@@ -64,60 +53,6 @@ PAPER = {
     table: {s: {m: dict(zip(fields, row, strict=True)) for m, row in rows.items()} for s, rows in scenes.items()}
     for table, (fields, scenes) in _PAPER.items()
 }
-
-
-def measure(per_seed, trials=None):
-    """A measure over seeds: `mean`, its `ci95`, `per_seed`, `iqm` (interquartile mean); of proportions `wilson95`, too.
-
-    ci95 is the percentile bootstrap's over seeds; with one seed it is Wilson's of a proportion, else None.
-
-    per_seed: a value each, None where there is none. The rest is of the others, None if there are none.
-    trials: episodes that each seed played, where values are proportions of them.
-    Raises ValueError: a value isn't finite.
-    """
-    values = [None if value is None else float(value) for value in per_seed]
-    known = np.sort(np.array([value for value in values if value is not None]))  # seeds have no order
-    if not np.isfinite(known).all():
-        raise ValueError(f"per_seed is {values}: leave out what isn't finite")
-    result = {"mean": None, "ci95": None, "per_seed": values, "iqm": None}
-    if trials is not None:
-        result["wilson95"] = [None if v is None else wilson_interval(round(v * trials), trials) for v in values]
-    if known.size:
-        result |= {"mean": _inside(known, known.mean()), "iqm": _inside(known, trim_mean(known, 0.25))}
-    if known.size > 1:
-        found = bootstrap((known,), np.mean, n_resamples=RESAMPLES, method="percentile", random_state=0)
-        result["ci95"] = _inside(known, found.confidence_interval)
-    elif known.size and trials is not None:
-        result["ci95"] = wilson_interval(round(known[0] * trials), trials)
-    return result
-
-
-def _inside(values, means):
-    """Means of values, which may be rounded away from equal ones."""
-    return np.clip(means, values.min(), values.max()).tolist()
-
-
-def suite_iqm(rows):
-    """Interquartile mean of success over runs (a seed in a scene each), as rliable's (Agarwal et al. 2021).
-
-    rows: of one method, suite and budget, a scene each. Returns `iqm`, its `ci95` (bootstrap stratified by scene; None
-    where no scene has two seeds) and what they hide: `min` and `reached`, the share of runs with success >= `REACHED`;
-    `runs` and `scenes` say how many there are. None: no run is left.
-    """
-    # In an order of their own: a result doesn't depend on that of rows or seeds.
-    rows = sorted(rows, key=lambda row: row["scene"])
-    scenes = [np.sort(row["success"]["per_seed"]) for row in rows if row["success"]["per_seed"]]
-    if not scenes:
-        return None
-    runs, generator = np.concatenate(scenes), np.random.default_rng(0)
-    # Not scipy's `bootstrap`, which refuses a scene with one seed left.
-    resampled = [scene[generator.integers(scene.size, size=(RESAMPLES, scene.size))] for scene in scenes]
-    iqms = trim_mean(np.concatenate(resampled, axis=1), 0.25, axis=1)
-    return {
-        "iqm": _inside(runs, trim_mean(runs, 0.25)),
-        "ci95": _inside(runs, np.percentile(iqms, (2.5, 97.5))) if runs.size > len(scenes) else None,
-        "min": float(runs.min()), "reached": float(np.mean(runs >= REACHED)), "runs": runs.size, "scenes": len(scenes),
-    }  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -312,79 +247,3 @@ def _left_out(rows):
         for seed, step in row["excluded"].items()
     ]
     return ["", *(left_out or ["No seed turned non-finite."])]
-
-
-def draw(result, path):
-    """Write `figure_of` a result as a PNG file."""
-    figure_of(result).savefig(path, dpi=130)
-
-
-def figure_of(result):
-    """Success and human collisions by scene and method: a column a suite, a pair of rows a budget.
-
-    Artists of a method are labelled "<method> seeds", "<method> mean" and "<method> interval".
-    """
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
-    from jaxnav.render import palette
-
-    colours = (palette.GOAL, "#E69F00", palette.ENCOUNTER, palette.ROBOT, palette.PEDESTRIAN, palette.LASER)
-    grid, fields = Grid.of(result), ("success", "human_collision")
-    *budgets, none = grid.methods
-    budgets = budgets or [none]  # scripted robots stand beside the learnt ones of every budget
-    learnt = grid.methods[budgets[0]] if budgets != [none] else []
-    styles = {method: ("o", colours[k % len(colours)], colours[k % len(colours)]) for k, method in enumerate(learnt)}
-    styles |= {method: ("Ds^v"[k % 4], palette.FAINT_INK, "white") for k, method in enumerate(grid.methods[none])}
-    widths, slot = [len(scenes) for scenes in grid.suites.values()], 1 / (len(styles) + 1)
-    width = 2 + max(max(0.2 / slot, 1.2) * sum(widths), 6)
-    figure = Figure(figsize=(width, 1 + 5 * len(budgets)), layout="constrained")
-    panels = figure.subplots(2 * len(budgets), len(widths), squeeze=False, width_ratios=widths)
-    for (i, budget), (j, suite), (k, field) in itertools.product(*map(enumerate, (budgets, grid.suites, fields))):
-        axes, scenes = panels[2 * i + k, j], grid.suites[suite]
-        for place, (method, (mark, colour, face)) in enumerate(styles.items(), 1):
-            rows = {}
-            for x, scene in enumerate(scenes):
-                row = grid.rows.get((suite, budget, scene, method))
-                if row and row[field]["mean"] is not None:
-                    rows[x + place * slot - 0.5] = row[field]
-                else:
-                    axes.text(x + place * slot - 0.5, 0.03, "left out" if row else "not run", rotation=90, fontsize=7,
-                              ha="center", color=colour, transform=axes.get_xaxis_transform())  # fmt: skip
-            if not rows:
-                continue
-            x, found = np.array(list(rows)), list(rows.values())
-            axes.vlines(x, *np.transpose([row["ci95"] for row in found]), colour, lw=1.5, label=f"{method} interval")
-            shape = {"marker": "_", "ms": 14} if method in learnt else {"marker": mark, "ms": 6, "mfc": face}
-            axes.plot(x, [row["mean"] for row in found], ls="", mew=1.5, color=colour, label=f"{method} mean", **shape)
-            if method in learnt:
-                values = [row["per_seed"] for row in found]
-                beside = [at + slot * np.linspace(-0.3, 0.3, len(seeds)) for at, seeds in zip(x, values, strict=True)]
-                axes.plot(np.concatenate(beside), np.concatenate(values), "o", ms=4, alpha=0.6, mec="none",
-                          color=colour, label=f"{method} seeds")  # fmt: skip
-        if axes is not panels[k, 0]:
-            axes.sharey(panels[k, 0])  # suites and budgets are compared
-        axes.set_yscale("function", functions=STRETCHED[field])
-        axes.set_yticks(TICKS if field == "human_collision" else [1 - tick for tick in TICKS])
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.set_ylim((-0.0012, 1.15) if field == "human_collision" else (-0.15, 1.0012))
-        axes.set_xlim(-0.5, len(scenes) - 0.5)
-        axes.set_xticks(range(len(scenes)), [scene.replace("-", "\n") for scene in scenes])
-        axes.tick_params(axis="x", length=0)
-        axes.vlines(np.arange(len(scenes) - 1) + 0.5, 0, 1, palette.OUTSIDE, transform=axes.get_xaxis_transform())
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(axis="y", color=palette.OUTSIDE)
-        axes.set_axisbelow(True)
-        axes.set_ylabel("" if j else NAMES[field])
-        axes.set_title("" if k else grid.title(suite, budget).replace(", ", "\n", 1), fontsize=10)
-    handles = [
-        Line2D([], [], marker=mark, color=colour, mfc=face, label=method)
-        for method, (mark, colour, face) in styles.items()
-    ]
-    figure.legend(handles=handles, loc="outside right upper", frameon=False)
-    figure.supxlabel(
-        "dots: seeds; bars: their mean; open marks: scripted robots; scales are stretched toward no failures\n"
-        "lines: 95 % intervals, of the mean over seeds or, of a scripted robot, Wilson's over episodes",
-        fontsize=9, color=palette.FAINT_INK,
-    )  # fmt: skip
-    return figure

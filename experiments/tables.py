@@ -12,8 +12,10 @@ import pathlib
 import time
 
 import cells
+import figure
 import jax
 import numpy as np
+import over_seeds
 import report
 import scene_study
 from rich.console import Console
@@ -126,7 +128,7 @@ class Study:
         result["pairs"] = [found for one, other in wanted if one and other and (found := pair(one, other))]
         scene_study.write(path, result)
         path.with_suffix(".md").write_text(report.markdown(result))
-        report.draw(result, path.with_suffix(".png"))
+        figure.draw(result, path.with_suffix(".png"))
         return result
 
     def _all_rows(self):
@@ -364,7 +366,7 @@ def pair(one, other):
         **{field: one[field] for field in ("suite", "scene", "budget")}, "one": one["method"],
         "other": other["method"], "field": "success", "difference": float(difference.mean()),
         "ci95_half": float(1.96 * difference.std() / math.sqrt(episodes)), "episodes": episodes, "seeds": len(both),
-        "seeds_ci95": report.measure([float(seed.mean()) for seed in both])["ci95"],
+        "seeds_ci95": over_seeds.measure([float(seed.mean()) for seed in both])["ci95"],
     }  # fmt: skip
 
 

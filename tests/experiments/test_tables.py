@@ -5,10 +5,10 @@ import json
 import shutil
 
 import cells
+import figure
 import jax
 import numpy as np
 import pytest
-import report
 import table1
 import table2
 import table3
@@ -64,7 +64,7 @@ def run(monkeypatch, tmp_path):
     FakePrograms.done = []
     monkeypatch.setattr(cells, "Programs", FakePrograms)
     monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
-    monkeypatch.setattr(report, "draw", lambda result, path: path.write_bytes(b"png"))
+    monkeypatch.setattr(figure, "draw", lambda result, path: path.write_bytes(b"png"))
     monkeypatch.setattr(tables, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
     monkeypatch.setattr(cells, "SCRIPTED", {})
     tuned = {"algorithms": {algo: {"best": {"discount": 0.96}} for algo in ("hsac", "td3", "ppo", "a2c")}}
@@ -208,7 +208,7 @@ def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
     monkeypatch.setattr(cells, "SCRIPTED", {})
     monkeypatch.setattr(tables, "PAPER_STEPS", 40)
     monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
-    monkeypatch.setattr(report, "draw", lambda result, path: None)
+    monkeypatch.setattr(figure, "draw", lambda result, path: None)
     for module in (cells, evaluation):
         monkeypatch.setattr(module, "BLOCK", 16)
     sizes = ["--seeds", "2", "--episodes", "16", "--converged", "80", "--suite", "parity"]
