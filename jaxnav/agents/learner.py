@@ -1,13 +1,17 @@
 """What all learners share: sizes, what an update learns from, and the step of an optimiser.
 
-A learner is a bundle of pure functions of explicit state, with a static ``config``, ``horizon``: how many steps of all
-episodes are played between two calls of its update, and ``replays``: whether it learns from replay or from these steps.
+A learner is a bundle of pure functions of explicit state, with a static ``config`` (a `ReplayConfig` where it learns
+from replay), ``horizon``: how many steps of all episodes are played between two calls of its update, and ``replays``:
+whether it learns from replay or from these steps.
 
 init(key, observation, hyper) -> state
 act(key, state, observation, hyper) -> `Action`, to learn from
 policy(state) -> parameters of what is evaluated
 best_action(parameters, observation, voice, spoken) -> `Action`
+spoken(split) -> the `Vocabulary` that it is spoken to with, None if it hears codes
 update(key, state, batch, hyper, lr_scale, step) -> (state, metrics)
+
+Hybrid SAC alone has `answer`, told what was meant, and `understand`, which `jaxnav talk` and `jaxnav understand` use.
 """
 
 import dataclasses

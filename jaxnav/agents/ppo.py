@@ -153,8 +153,12 @@ class PPO:
         """``epochs`` passes over a batch of `[horizon, episodes]` steps in a row. Returns (state, metrics).
 
         lr_scale: multiplies every rate.
+        Raises ValueError: the steps can't be parted into ``minibatches`` of the same size.
         """
         del step
+        count, parts = batch.reward.size, self.config.minibatches
+        if count % parts:
+            raise ValueError(f"agent.minibatches is {parts}: give a divisor of the batch's {count} steps")
         values, next_values = self._values(state.value, batch)
         advantages = gae(batch, values, next_values, hyper)
         data = {
@@ -162,7 +166,6 @@ class PPO:
             "return": advantages + values, "log_density": self._log_density(state.actor, batch)[0],
         }  # fmt: skip
         data = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), data)
-        count = batch.reward.size
 
         def minibatch(state, rows):
             part = jax.tree.map(lambda leaf: leaf[rows], data)
@@ -182,7 +185,7 @@ class PPO:
             return new, aux
 
         orders = jax.vmap(lambda key: jax.random.permutation(key, count))(jax.random.split(key, self.config.epochs))
-        state, metrics = jax.lax.scan(minibatch, state, orders.reshape(-1, count // self.config.minibatches))
+        state, metrics = jax.lax.scan(minibatch, state, orders.reshape(-1, count // parts))
         metrics = jax.tree.map(jnp.mean, metrics)
         return state, metrics | {"q": jnp.mean(values)}
 

@@ -218,17 +218,22 @@ def preset(name, algo="hsac") -> RunConfig:
     if algo == "hsac":
         return base
     cls = ALGORITHMS[algo][1]
-    agent = dataclasses.replace(
-        cls().agent, **{size: getattr(base.agent, size) for size in ("encoder", "actor_widths", "critic_widths")}
-    )
+    agent = _like(cls().agent, base.agent, HSACConfig())
+    hyper = _like(cls().hyper, base.hyper, Hyperparameters())
     # Whoever learns from what it has just played plays fewer episodes at once, and as many steps in all. Its chunks
     # stay as long: each draws as many fresh starts as there are episodes; a longer one would use them again.
     episodes = cls().train.episodes
     factor = base.train.episodes // episodes
     sizes = {field: factor * getattr(base.train, field) for field in ("evaluate_every", "total_steps")}
-    return cls(
-        preset=name, world=base.world, agent=agent, train=dataclasses.replace(base.train, episodes=episodes, **sizes)
-    )
+    train = dataclasses.replace(base.train, episodes=episodes, **sizes)
+    return cls(preset=name, world=base.world, agent=agent, hyper=hyper, train=train)
+
+
+def _like(own, base, usual):
+    """``own`` with what ``base`` has otherwise than ``usual``, as far as ``own`` has such fields."""
+    fields = {field.name for field in dataclasses.fields(own)}
+    other = {f.name: getattr(base, f.name) for f in dataclasses.fields(base) if f.name in fields}
+    return dataclasses.replace(own, **{name: v for name, v in other.items() if v != getattr(usual, name)})
 
 
 def make_agent(config: RunConfig):
@@ -285,7 +290,10 @@ _FRACTIONS = (
     "discount", "tau", "average", "final_lr", "target_entropy_code", "backup_entropy", "gae_lambda", "word_errors",
     "initial_std",
 )  # fmt: skip
-_ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm")
+_ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm", "reward_scale")
+_NOT_NEGATIVE = (
+    "exploration_noise", "target_noise", "target_noise_clip", "entropy_weight", "word_noise", "message_weight",
+)  # fmt: skip
 
 
 def check_hyperparameters(hyper):
@@ -293,7 +301,7 @@ def check_hyperparameters(hyper):
     for name, value in hyper.items():
         if not np.all(np.isfinite(value)):
             raise ValueError(f"hyper.{name} is {value}: give a finite number")
-        if name.endswith("_lr") and np.any(np.asarray(value) < 0):
+        if (name.endswith("_lr") or name in _NOT_NEGATIVE) and np.any(np.asarray(value) < 0):
             raise ValueError(f"hyper.{name} is {value}: give a number of at least 0")
         if name in _FRACTIONS and not np.all((np.asarray(value) >= 0) & (np.asarray(value) <= 1)):
             raise ValueError(f"hyper.{name} is {value}: give a number from 0 to 1")

@@ -225,6 +225,12 @@ def test_bad_sizes_name_the_field(field, value):
         PPOConfig(**{field: value})
 
 
+def test_steps_that_cannot_be_parted_evenly_are_refused(batch):
+    agent, odd = PPO(PPOConfig(minibatches=3)), batch.replace(reward=np.zeros((2, 5)))
+    with pytest.raises(ValueError, match=r"agent.minibatches is 3: give a divisor of the batch's 10 steps"):
+        agent.update(jax.random.key(0), None, odd, HYPER)
+
+
 def test_twists_that_have_become_impossible_leave_numbers_finite():
     part = {"advantage": jnp.array([1.0, -1.0, 2.0]), "log_density": jnp.array([-800.0, 800.0, 0.0])}
     loss, slope = jax.value_and_grad(PPO()._actor_loss)(jnp.zeros(3), part, PPOHyperparameters())

@@ -14,6 +14,7 @@ from jaxnav.training.config import (
     WorldSettings,
     differences,
     from_json,
+    preset,
     resolve,
     to_json,
 )
@@ -22,11 +23,11 @@ from jaxnav.world import Params, World, WorldConfig, default_params
 NAN = float("nan")
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-def test_presets_are_named_and_survive_json(preset):
-    config = resolve(PRESETS[preset])
-    assert config.preset == preset
-    assert config.out == f"runs/{preset}-0"
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_are_named_and_survive_json(name):
+    config = resolve(PRESETS[name])
+    assert config.preset == name
+    assert config.out == f"runs/{name}-0"
     assert from_json(RunConfig, json.loads(json.dumps(to_json(config)))) == config
 
 
@@ -148,6 +149,9 @@ def run_config(**fields):
         ("hyper__target_entropy_code", 1.5, "hyper.target_entropy_code"),
         ("hyper__initial_temperature", 0.0, "hyper.initial_temperature"),
         ("hyper__reward_scale", float("inf"), "hyper.reward_scale"),
+        ("hyper__reward_scale", 0.0, "hyper.reward_scale"),
+        ("hyper__word_noise", -0.1, "hyper.word_noise"),
+        ("hyper__message_weight", -1.0, "hyper.message_weight"),
     ],
 )
 def test_a_bad_value_is_refused_with_field_and_remedy_in_one_line(name, value, field):
@@ -166,3 +170,34 @@ def test_values_at_the_edge_of_their_range_pass():
         world__params__body_radius=0.0, world__pedestrians=16, train__checkpoint_seconds=0.0,
     )  # fmt: skip
     assert resolve(edge).world.pedestrians == 16
+
+
+@pytest.mark.parametrize("algo", ["td3", "ppo", "a2c"])
+def test_presets_are_those_of_every_algorithm_as_far_as_it_has_their_fields(algo):
+    usual, quick, grid = RunConfig(), preset("quick", algo), preset("grid", algo)
+    assert (quick.agent, quick.hyper) == (type(quick)().agent, type(quick)().hyper)
+    assert (grid.agent.encoder, grid.agent.actor_widths, grid.agent.critic_widths) == ("grid", (128,), (128,))
+    assert (grid.hyper.actor_lr, grid.hyper.critic_lr) == (3e-4, 3e-4) != (usual.hyper.actor_lr, usual.hyper.critic_lr)
+    assert getattr(grid.agent, "batch", 256) == 256
+    assert grid.hyper.replace(actor_lr=0.0, critic_lr=0.0) == quick.hyper.replace(actor_lr=0.0, critic_lr=0.0)
+
+
+@pytest.mark.parametrize(
+    ("algo", "name", "value"),
+    [
+        ("td3", "target_noise_clip", -0.5),  # would turn the noise into a constant
+        ("td3", "target_noise", -0.1),
+        ("td3", "exploration_noise", -0.1),
+        ("ppo", "entropy_weight", -0.1),
+        ("ppo", "clip", 0.0),
+        ("ppo", "gae_lambda", 1.5),
+        ("ppo", "max_gradient_norm", 0.0),
+        ("a2c", "initial_std", 0.0),
+    ],
+)
+def test_a_bad_value_of_the_other_algorithms_is_refused(algo, name, value):
+    config = preset("quick", algo)
+    with pytest.raises(
+        UserError, match=rf"^hyper.{name} is {value}: give a number (above 0|from 0 to 1|of at least 0)"
+    ):
+        resolve(dataclasses.replace(config, hyper=config.hyper.replace(**{name: value})))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxnav.agents.hsac import HSAC, Hyperparameters
+from jaxnav.agents.learner import Batch
 from jaxnav.training.config import TrainConfig
 from jaxnav.training.loop import Trainer
 from jaxnav.world import Action, Params, World, WorldConfig
@@ -40,6 +41,23 @@ class Wanderer:
 @dataclasses.dataclass(frozen=True)
 class SimpleActor:
     actor: jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Keeper(Wanderer):
+    """A `Wanderer` that learns from the steps just played, and whose parameters are these."""
+
+    replays, horizon = False, 5
+
+    def init(self, key, observation, hyper):
+        shapes = {"twist": (2,), "code": (), "reward": (), "terminated": (), "ended": (), "steps": ()}
+        types = {"code": jnp.int32, "terminated": bool, "ended": bool, "steps": jnp.int32}
+        parts = {name: jnp.zeros(shape, types.get(name, jnp.float32)) for name, shape in shapes.items()}
+        one = Batch(observation=observation, next_observation=observation, **parts)
+        return jax.tree.map(lambda leaf: jnp.zeros((self.horizon, EPISODES, *leaf.shape), leaf.dtype), one)
+
+    def update(self, key, learner, batch, hyper, lr_scale):
+        return batch, {"lr_scale": lr_scale}
 
 
 def hyperparameters(**values):
@@ -166,6 +184,27 @@ def test_metrics_count_the_episodes_that_ended(rows, walk):
         assert metrics["episodes_arrived"][0] <= (row.terminated).sum()
         assert metrics["episodes_arrived"][0] >= (row.terminated & (arrived < 4.0)).sum()
         assert metrics["reward"] == pytest.approx(row.reward.mean(), rel=1e-4)
+
+
+def test_rollouts_are_steps_in_a_row_with_their_true_next_observations(walk):
+    """What a learner without replay is given: `[horizon, episodes]`, each step's end the next one's start."""
+    config = TrainConfig(episodes=EPISODES, replay_rows=1, steps_per_chunk=10, total_steps=20)
+    trainer = Trainer(walk[0].world, Keeper(), walk[0].params, config)
+    loop, metrics = jax.jit(trainer.train_chunk)(trainer.init(jax.random.key(1), hyperparameters()), hyperparameters())
+    batch = jax.device_get(loop.learner)
+    ended, goal = batch.ended, batch.observation.pose[..., 2, :2]
+    assert ended.shape == (5, EPISODES) and int(loop.counter) == 10
+    assert (batch.steps == 1).all() and (ended >= batch.terminated).all()
+    for after, now in zip(jax.tree.leaves(batch.next_observation), jax.tree.leaves(batch.observation), strict=True):
+        np.testing.assert_array_equal(after[:-1][~ended[:-1]], now[1:][~ended[:-1]])
+    # An episode that ended has its own last observation, not the first of the next one, which starts elsewhere.
+    apart = np.hypot(*np.moveaxis(batch.next_observation.pose[:-1, :, 2, :2] - goal[1:], -1, 0))
+    assert (apart[ended[:-1]] > 0.05).all() and ended[:-1].sum() >= 10 <= (~ended[:-1]).sum()
+    # After a step a robot turns as its twist of that step asks.
+    turns = float(trainer.params.max_w) * batch.twist[..., 1]
+    np.testing.assert_allclose(batch.next_observation.twist[..., 1], turns, atol=1e-6)
+    in_scene = metrics["episodes_ended"]
+    assert in_scene.shape == (1,) and ended.sum() <= in_scene[0] <= 10 * EPISODES
 
 
 @pytest.fixture(scope="module")

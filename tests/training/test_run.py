@@ -97,7 +97,6 @@ def test_a_learner_of_rollouts_resumes_bit_for_bit(tmp_path, tiny, train, assert
     again, repeated = resume(replaced(run.config, resume=True))
     assert_same(repeated, progress)
     assert lines(again) == lines(run)
-    assert again.record(again.actor(repeated, "last"), 0, [0], [0])[0].outcomes.requested.max() == 0
 
 
 def test_resuming_without_a_checkpoint_begins_again(finished, copied, assert_same):
@@ -117,8 +116,7 @@ def test_resuming_a_finished_run_changes_nothing(finished, tmp_path, assert_same
     assert content(folder) == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_saves_and_the_rest_can_be_done_later(finished, tmp_path, tiny, number, assert_same):
+def test_a_signal_saves_and_the_rest_can_be_done_later(finished, tmp_path, tiny, assert_same):
     before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
     # Nothing would be saved but for the signal.
     config = replaced(tiny(tmp_path / "run"), train=to_json(tiny(checkpoint_seconds=1e9).train))
@@ -127,11 +125,11 @@ def test_a_signal_saves_and_the_rest_can_be_done_later(finished, tmp_path, tiny,
 
     def report(line):
         if line["env_steps"] == 160:
-            os.kill(os.getpid(), number)
+            os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.raises(Interrupted) as caught:
         run.train(report, time.monotonic())
-    assert caught.value.signal == number
+    assert caught.value.signal == signal.SIGTERM
     assert {n: signal.getsignal(n) for n in before} == before
     assert len(run.metrics()) == 2
     assert [path.name for path in (run.folder / "checkpoints").iterdir()] == ["step_10"]
