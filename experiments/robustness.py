@@ -24,7 +24,7 @@ from jaxnav.training.run import Run
 PROGRAM = "robustness"
 BLOCK = 500  # episodes of a scene played at once
 ROBOTS = ("plain", "robust")
-# Of each axis the field of `Params`, what to call it, and its values; the others stay at their defaults.
+# Of each axis the field of `Params`, what to call it, and its values; the others stay as in `_usual`.
 AXES = {
     "awareness": ("awareness of the robot (m)", (0.0, 0.25, 0.5, 1.0, 1.5, 2.0)),
     "preferred_speed": ("walking speed (m/s)", (0.3, 0.5, 0.7, 0.9, 1.1, 1.4)),
@@ -172,7 +172,8 @@ def table(result):
         "Success of a plain and of a robust robot in the parity suite, one training seed each, "
         f"{result['steps'] * 256:,} environment steps; {result['episodes']:,} episodes a scene and value, episode seed "
         f"{result['seed']}, test phrases. The robust one is the preset of that name: all of these were drawn anew for "
-        "each of its episodes. Everything but the field named has its default. "
+        "each of its episodes. All but the field named is as where the plain one was trained: one pedestrian, a laser "
+        "without noise, no delay. "
         f"Device: {result['device']}; commits: {commits}. Our scenes are not the paper's.",
     ]  # fmt: skip
     for name, (label, values) in AXES.items():

@@ -10,7 +10,7 @@ METHODS = ("HSAC", "TD3", "PPO", "A2C")
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table1", METHODS, [("HSAC", other) for other in METHODS[1:]], arguments)
+    tables.main("table1", METHODS, [("HSAC", other) for other in (*METHODS[1:], "planner")], arguments)
 
 
 if __name__ == "__main__":

@@ -101,12 +101,12 @@ class Study:
     def run(self, name, pairs):
         """Train and play what is missing and write the table's files; returns the result.
 
-        pairs: (one, other) methods whose success is compared over the same episodes.
+        pairs: (one, other) methods, or one and a scripted robot, whose success is compared over the same episodes.
         """
-        start, path = time.monotonic(), self.options.out / f"{name}.json"
+        path = self.options.out / f"{name}.json"
         result = {"table": name, "command": f"python experiments/{name}.py", "rows": [], "pairs": []}
         result |= {"config": self._config()}
-        before = scene_study.stored(path, {"config": result["config"]}, "wall_seconds", 0.0)
+        scene_study.stored(path, {"config": result["config"]}, "rows", [])  # refuses those of another configuration
         self._kept, where = self._rows_kept(name), self._where
         result |= {"commit": where["git_commit"], "device": where["device"], "versions": where["versions"]}
         rows = {}
@@ -114,13 +114,14 @@ class Study:
             rows[row["scene"], row["method"], row["budget"]] = row
             # An interruption leaves what is known: rows that this call has not come to yet, too.
             result["rows"] = list((self._kept | rows).values())
-            result["wall_seconds"] = round(before + time.monotonic() - start, 1)
+            result["wall_seconds"] = self._wall_seconds(result["rows"])
             scene_study.write(path, result)
         if not rows:
             raise UserError("nothing was played yet: give --suite both, parity or hard")
         result["rows"] = list(rows.values())
+        result["wall_seconds"] = self._wall_seconds(result["rows"])
         wanted = [
-            (rows.get((scene, one, budget)), rows.get((scene, other, budget)))
+            (rows.get((scene, one, budget)), rows.get((scene, other, "none" if other in cells.SCRIPTED else budget)))
             for one, other in pairs
             for scene in SUITE_OF
             for budget in self.options.budgets
@@ -130,6 +131,15 @@ class Study:
         path.with_suffix(".md").write_text(report.markdown(result))
         figure.draw(result, path.with_suffix(".png"))
         return result
+
+    def _wall_seconds(self, rows):
+        """Of all trainings of a table: both budgets are one, and so are methods that differ in how they are played."""
+        longest = {}
+        for row in rows:
+            if row["budget"] != "none":
+                training = self.methods[row["method"]].training, row["scene"]
+                longest[training] = max(longest.get(training, 0.0), row["train_seconds"])
+        return round(sum(longest.values()), 1)
 
     def _all_rows(self):
         for group in cells.GROUPS:
@@ -289,7 +299,7 @@ class Study:
         return {
             "suite": SUITE_OF[scene], "scene": scene, "method": robot, "budget": "none", "env_steps": 0, "seeds": [],
             "excluded": {}, "episodes": summary.arrived.shape[1], **cells.measures(summary), "train_seconds": 0,
-            **where,
+            **where, "arrived": packed(summary.arrived),
         }  # fmt: skip
 
     def trajectories(self):
@@ -343,20 +353,24 @@ def packed(arrived):
 
 
 def unpacked(row):
-    """{seed: arrived `[episodes]`} of a row."""
+    """Arrived `[seeds, episodes]` of a row, 0 or 1; a scripted robot is one of one."""
     bits = [np.frombuffer(base64.b64decode(text), np.uint8) for text in row["arrived"]]
-    return {
-        seed: np.unpackbits(part)[: row["episodes"]].astype(int) for seed, part in zip(row["seeds"], bits, strict=True)
-    }
+    return [np.unpackbits(part)[: row["episodes"]].astype(int) for part in bits]
 
 
 def pair(one, other):
     """The paired difference of success between two rows, over the episodes and seeds that both have; None if none.
 
+    other: may be of a scripted robot, with which every seed is compared.
+
     Of its intervals one is over episodes, as if these seeds were all there are: all seeds play the same episodes, so
     that their mean is what varies from one to the next. The other is over seeds.
     """
-    ours, theirs = unpacked(one), unpacked(other)
+    ours = dict(zip(one["seeds"], unpacked(one), strict=True))
+    if other["budget"] == "none":
+        theirs = dict.fromkeys(ours, unpacked(other)[0])
+    else:
+        theirs = dict(zip(other["seeds"], unpacked(other), strict=True))
     episodes = min(one["episodes"], other["episodes"])  # the first n of more episodes are the same n
     both = [ours[seed][:episodes] - theirs[seed][:episodes] for seed in ours if seed in theirs]
     if not both:

@@ -110,9 +110,10 @@ def table(result):
     """The result as Markdown."""
     lines = [
         f"Random search over the floats of each algorithm: {result['trials']} trials of {STEPS:,} environment steps, "
-        f"the first with its defaults, all trained at once, each on {', '.join(SCENES)} together and with one training "
-        "seed; the score is the mean success over these scenes, 500 episodes each of the validation seed. Sizes were "
-        "not tuned.",
+        "the first with its defaults, the others drawn with the same random numbers for every algorithm (two that "
+        "share a range try the same values). All are trained at once, each on "
+        f"{', '.join(SCENES)} together and with one training seed; the score is the mean success over these scenes, "
+        "500 episodes each of the validation seed. Sizes were not tuned.",
         "", "| algorithm | default | best | worst | chosen | device | commit |", "|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for algo, found in result["algorithms"].items():

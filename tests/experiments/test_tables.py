@@ -112,11 +112,44 @@ def test_pairs_are_of_the_same_seeds_and_episodes():
     assert found["difference"] == pytest.approx(difference.mean())
     assert (found["episodes"], found["seeds"]) == (600, 2)
     assert found["ci95_half"] == pytest.approx(1.96 * difference.std() / 600**0.5)
+    seeds = [(wins[i, :600].astype(int) - losses[j, :600]).mean() for i, j in ((1, 0), (2, 2))]
+    assert found["seeds_ci95"] == pytest.approx(sorted(seeds))  # of two seeds each resample has both, or one of them
     # Robots that all do the same in an episode are worth no more than one of them.
     same = one | {"arrived": tables.packed(np.repeat(wins[:1], 3, axis=0))}
     none = other | {"seeds": [0, 2, 5], "episodes": 1000, "arrived": tables.packed(np.repeat(losses[:1], 3, axis=0))}
     alone = [row | {"seeds": [0], "arrived": row["arrived"][:1]} for row in (same, none)]
     assert tables.pair(same, none)["ci95_half"] == pytest.approx(tables.pair(*alone)["ci95_half"])
+
+
+def test_a_scripted_robot_is_paired_with_every_seed():
+    rng = np.random.default_rng(0)
+    wins, rules = rng.random((3, 600)) < 0.8, rng.random(1000) < 0.95
+    base = {"suite": "hard", "scene": "narrow"}
+    one = base | {"method": "a", "budget": "paper", "seeds": [0, 2, 5], "episodes": 600, "arrived": tables.packed(wins)}
+    other = base | {"method": "planner", "budget": "none", "seeds": [], "episodes": 1000}
+    found = tables.pair(one, other | {"arrived": tables.packed(rules[None])})
+    assert found["difference"] == pytest.approx(wins.mean() - rules[:600].mean())
+    assert (found["budget"], found["episodes"], found["seeds"]) == ("paper", 600, 3)
+    difference = wins.mean(axis=0) - rules[:600]
+    assert found["ci95_half"] == pytest.approx(1.96 * difference.std() / 600**0.5)
+
+
+def test_measures_are_of_the_episodes_that_they_are_about():
+    """Three episodes of two seeds: the second seed never arrives."""
+    arrived = np.array([[True, True, False], [False] * 3])
+    no = np.zeros_like(arrived)
+    played = EpisodeSummary(
+        arrived=arrived, collided=~arrived, hit_pedestrian=~arrived & [True, False, True], truncated=no,
+        steps=np.array([[10, 20, 40], [5, 5, 10]]), min_distance=np.array([[0.5, 1.0, 0.1], [0.2, 0.2, 0.2]]),
+        comfortable_steps=np.array([[10, 10, 15], [0, 0, 5]]), request=np.zeros((2, 3), int), replied=no, agreed=no,
+    )  # fmt: skip
+    found = {name: measure["per_seed"] for name, measure in cells.measures(played).items()}
+    assert found == {
+        "success": pytest.approx([2 / 3, 0.0]), "collision": pytest.approx([1 / 3, 1.0]),
+        "human_collision": pytest.approx([1 / 3, 2 / 3]), "timeout": [0.0, 0.0],
+        "steps": [15.0, None], "min_distance": [0.75, None],  # of those that arrived
+        "comfort": [0.5, 0.25],  # of all steps
+    }  # fmt: skip
 
 
 def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp_path):
@@ -213,7 +246,9 @@ def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
         monkeypatch.setattr(module, "BLOCK", 16)
     sizes = ["--seeds", "2", "--episodes", "16", "--converged", "80", "--suite", "parity"]
     tables.main("table1", ("A2C",), [], [*sizes, "--runs", str(tmp_path), "--out", str(tmp_path / "out")])
-    rows = json.loads((tmp_path / "out" / "table1.json").read_text())["rows"]
+    result = json.loads((tmp_path / "out" / "table1.json").read_text())
+    rows = result["rows"]
+    assert result["wall_seconds"] == rows[1]["train_seconds"] > 0  # both budgets are one training
     assert [(row["budget"], row["env_steps"]) for row in rows] == [("paper", 40), ("converged", 80)]
     programs = cells.Programs(small, 2)
     early, late = (programs.policies(tmp_path / f"a2c-square-{row['budget']}") for row in rows)
