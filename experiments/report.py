@@ -159,6 +159,8 @@ def _facts(result):
         "- Intervals of 95 %: percentile bootstrap of the mean over seeds (a point where all seeds agree; of five "
         "seeds it covers less than 95 %); of a scripted robot or one seed Wilson's over episodes. Bold: the highest "
         "mean success of a learnt method in a scene, as printed; no test of significance.",
+        "- Paths that every method drove, of six episodes a scene: [trajectories](trajectories), a figure for each "
+        "method and group of scenes.",
         f"- Device: {_each(rows, 'device')}. Commits of the rows (with +: and changes that were not committed): "
         f"{_each(rows, 'commit')}.",
     ]  # fmt: skip
