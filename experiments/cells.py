@@ -92,6 +92,16 @@ def configuration(method, scenes, env_steps):
     return resolve(dataclasses.replace(base, world=world, agent=agent, hyper=hyper, train=train))
 
 
+def told(agent):
+    """A policy like `make_policy`'s that knows which message a sentence stands for."""
+
+    def policy(policy_params, state, world, params):
+        observation = world.observe(state, params)
+        return agent.answer(policy_params[0], observation, message_codes(observation.dialogue))
+
+    return policy
+
+
 class Player:
     """Plays one policy in any of some scenes, through one compiled program."""
 
@@ -122,18 +132,13 @@ class Player:
 class Programs:
     """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
 
-    def __init__(self, config, seeds, told=False):
+    def __init__(self, config, seeds, is_told=False):
         self.agent = make_agent(config)
         self.population = Population(config, self.agent, seeds)
-        policy = self._told if told else make_policy(self.agent)
+        policy = told(self.agent) if is_told else make_policy(self.agent)
         self.player = Player(self.population.world, config.world.params, policy)
         self.spoken = self.agent.spoken("test")
         self._like = None
-
-    def _told(self, policy_params, state, world, params):
-        """A policy that knows which message a sentence stands for."""
-        observation = world.observe(state, params)
-        return self.agent.answer(policy_params[0], observation, message_codes(observation.dialogue))
 
     def play(self, policies, method, scene, seed, episodes):
         """`EpisodeSummary` `[seeds, episodes]` of policies `[seeds]` in the scene with that index."""

@@ -10,6 +10,7 @@ import pathlib
 import sys
 import time
 
+import cells
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,20 +18,17 @@ import scene_study
 import tyro
 from rich.console import Console
 
-from jaxnav.agents.networks import message_codes
 from jaxnav.errors import UserError
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.language.vocabulary import vocabulary
 from jaxnav.training.config import PRESETS, TrainConfig, resolve, to_json
-from jaxnav.training.evaluation import episode_keys, wilson_interval
+from jaxnav.training.evaluation import make_policy, wilson_interval
 from jaxnav.training.provenance import provenance
-from jaxnav.training.rollout import play
 from jaxnav.training.run import Interrupted, Run
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT
 
 PROGRAM = "language"
-BLOCK = 500  # episodes of a scene played at once
 # What a robot hears in an episode: the messages themselves, or phrases: split, share garbled, norm of the noise.
 HEARD = {
     "codes": None, "train phrases": ("train", 0.1, 0.0), "test phrases": ("test", 0.0, 0.0),
@@ -67,7 +65,7 @@ class Options:
     only_train: bool = False
 
     def __post_init__(self):
-        for name, least, most in (("seeds", 1, 100), ("episodes", BLOCK, 1_000_000), ("steps", 25, 100_000)):
+        for name, least, most in (("seeds", 1, 100), ("episodes", cells.BLOCK, 1_000_000), ("steps", 25, 100_000)):
             if not least <= getattr(self, name) <= most:
                 raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
         if self.steps % TrainConfig.steps_per_chunk:
@@ -95,7 +93,7 @@ def shares(options, suite, robot, seed):
         parts = {"codes": 1 / seeds, "test phrases": 1 / seeds, "train phrases": 1 / (4 * seeds)}
         if seed == 0:
             parts |= {heard: 0.1 for heard in HEARD if heard not in MAIN}
-    return {heard: math.ceil(part * options.episodes / BLOCK) * BLOCK for heard, part in parts.items()}
+    return {heard: math.ceil(part * options.episodes / cells.BLOCK) * cells.BLOCK for heard, part in parts.items()}
 
 
 def configuration(options, suite, robot, seed):
@@ -166,37 +164,18 @@ class Player:
     """Plays robots of a suite through two compiled programs, whatever they hear."""
 
     def __init__(self, run):
-        self.run, limit = run, math.ceil(float(run.params.max_steps))
-
-        def program(policy):
-            def block(policy_params, scene, seed, first):
-                keys = episode_keys(seed, first + jnp.arange(BLOCK))
-                return play(run.world, run.params, policy, policy_params, keys, jnp.full(BLOCK, scene), limit)
-
-            return jax.jit(block)
-
-        def by_codes(actor, state, world, params):
-            observation = world.observe(state, params)
-            return run.agent.answer(actor, observation, message_codes(observation.dialogue))
-
-        def by_words(policy_params, state, world, params):
-            actor, spoken = policy_params
-            return run.agent.best_action(actor, world.observe(state, params), True, spoken)
-
-        self._codes, self._words = program(by_codes), program(by_words)
+        self._codes, self._words = (
+            cells.Player(run.world, run.params, policy) for policy in (cells.told(run.agent), make_policy(run.agent))
+        )
 
     def __call__(self, actor, heard, scene, episodes, seed):
         """(arrived, hit a pedestrian), bool `[episodes]` each."""
         if HEARD[heard] is None:
-            play_block, policy_params = self._codes, actor
+            played = self._codes((actor, True, None), scene, seed, episodes)
         else:
             split, share, noise = HEARD[heard]
-            play_block, policy_params = self._words, (actor, vocabulary(split, share, noise))
-        blocks = [
-            jax.device_get(play_block(policy_params, np.int32(scene), np.uint32(seed), first))
-            for first in range(0, episodes, BLOCK)
-        ]
-        return tuple(np.concatenate([getattr(b, name) for b in blocks]) for name in ("arrived", "hit_pedestrian"))
+            played = self._words((actor, True, vocabulary(split, share, noise)), scene, seed, episodes)
+        return played.arrived, played.hit_pedestrian
 
 
 def study(options):

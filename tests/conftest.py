@@ -1,6 +1,7 @@
 """What every test relies on: the CPU, a cache of what was compiled, the same random examples in every run, `--full`."""
 
 import os
+import pathlib
 import tempfile
 
 os.environ["JAX_PLATFORMS"] = "cpu"
@@ -10,8 +11,15 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # workers inherit the folder
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _cache.name
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
 
+import jax
 import pytest
 from hypothesis import settings
+
+# Where compiling takes longer than what is compiled then runs, in this process and in those that it starts.
+COMPILED_QUICKLY = (
+    "adapters/", "agents/test_encoders.py", "experiments/test_plan_by_gradient.py", "experiments/test_tables.py",
+    "experiments/test_value_of_dialogue.py", "maps/", "test_cli.py", "training/",
+)  # fmt: skip
 
 settings.register_profile("jaxnav", derandomize=True, deadline=None, max_examples=100, database=None)
 settings.load_profile("jaxnav")
@@ -19,6 +27,14 @@ settings.load_profile("jaxnav")
 
 def pytest_addoption(parser):
     parser.addoption("--full", action="store_true", help="proofs at their full size instead of a twentieth of it")
+
+
+@pytest.hookimpl(tryfirst=True)  # before fixtures of any scope
+def pytest_runtest_setup(item):
+    path = item.path.relative_to(pathlib.Path(__file__).parent).as_posix()
+    quickly = path.startswith(COMPILED_QUICKLY)
+    jax.config.update("jax_disable_most_optimizations", quickly)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(quickly))
 
 
 @pytest.fixture(scope="session")

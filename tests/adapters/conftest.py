@@ -1,6 +1,5 @@
 """A world for the adapters that compiles fast, and what has to hold of observations when an episode is replaced."""
 
-import jax
 import numpy as np
 import pytest
 
@@ -9,14 +8,6 @@ from jaxnav import Params, World, WorldConfig
 WORLD = World(WorldConfig(scenes=("square",), beams=16))
 # Nobody comes near a robot that stands still, and one that drives ahead may arrive in time or not.
 PARAMS = Params(max_steps=5.0, goal_tolerance=4.0, preferred_speed=0.0)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compile_quickly():
-    """These programs compile for longer than they run: here little is gained by optimising them."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="session", name="world")

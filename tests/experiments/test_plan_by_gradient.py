@@ -17,14 +17,6 @@ from jaxnav.world import Action, Params, World, WorldConfig
 EPISODES = 24
 
 
-@pytest.fixture(autouse=True)
-def _compile_quickly():
-    """These programs compile for minutes and run for seconds: here nothing is gained by optimising them."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
-
-
 def test_gradient_ascent_finds_a_way_around_and_the_world_agrees():
     world, params, scene = World(WorldConfig(scenes=("hallway",), wall_neighbors=1)), Params(), jnp.int32(0)
     steps, iterations = 45, 50

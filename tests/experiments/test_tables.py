@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+from types import SimpleNamespace
 
 import cells
 import figure
@@ -150,6 +151,15 @@ def test_measures_are_of_the_episodes_that_they_are_about():
         "steps": [15.0, None], "min_distance": [0.75, None],  # of those that arrived
         "comfort": [0.5, 0.25],  # of all steps
     }  # fmt: skip
+
+
+def test_who_is_told_is_given_the_messages_themselves():
+    observation = SimpleNamespace(dialogue=SimpleNamespace(message=np.array([0, 1, 2, 3])))
+    world = SimpleNamespace(observe=lambda state, params: observation)
+    agent = SimpleNamespace(answer=lambda actor, observation, heard: (actor, heard))
+    actor, heard = cells.told(agent)(("actor", True, "words"), None, world, None)
+    assert actor == "actor"
+    np.testing.assert_array_equal(heard, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
 def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp_path):

@@ -1,10 +1,8 @@
 """The study from end to end, small: what it plays, what it doesn't play again, what it writes and what it refuses."""
 
-import functools
 import json
 
 import cv2
-import jax
 import numpy as np
 import pytest
 import scene_study
@@ -40,10 +38,8 @@ def at_commit(monkeypatch, commit):
 
 
 def test_a_scene_is_played_by_all_robots_and_written_three_times(tmp_path, monkeypatch, capsys):
-    """The one test that plays: 11 episodes are two blocks of 8. So few are not worth optimising the programs for."""
+    """The one test that plays: 11 episodes are two blocks of 8."""
     monkeypatch.setattr(program, "BLOCK", 8)
-    quick = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-    monkeypatch.setattr(program.jax, "jit", functools.partial(jax.jit, compiler_options=quick))
     program.main(["--scenes", "narrow", "--episodes", "11", "--seed", "3", "--out", str(tmp_path / "new")])
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(FILES)
     result = json.loads((tmp_path / "new" / FILES[0]).read_text())
