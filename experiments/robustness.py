@@ -15,6 +15,7 @@ import scene_study
 from rich.console import Console
 
 from jaxnav.errors import UserError
+from jaxnav.language.table import default_table
 from jaxnav.training.config import preset, resolve, to_json
 from jaxnav.training.evaluation import episode_keys, make_policy, wilson_interval
 from jaxnav.training.provenance import provenance
@@ -118,27 +119,32 @@ def study(options):
     identity = {
         "episodes": episodes, "seed": options.seed, "steps": options.steps,
         "configs": {robot: _identity(configuration(options, robot)) for robot in ROBOTS},
+        "embeddings": default_table().fingerprint,
     }  # fmt: skip
     result = {"command": f"python experiments/{PROGRAM}.py", **identity, **provenance()}
     result["plays"] = scene_study.stored(path, identity, "plays", {})
     result["commits"] = scene_study.stored(path, identity, "commits", {})
-    robots = {robot: trained(options, robot, console) for robot in ROBOTS}
     usual, arrived = _usual(), None
-    for robot, (run, actor) in robots.items():
-        for name, (_, values) in AXES.items():
-            for value in values:
-                key = f"{robot}/{name}/{value}"
-                if key in result["plays"]:
-                    continue
-                arrived = arrived or player(run)
-                params = usual.replace(**{name: value})
-                params = params.replace(max_speed=max(params.max_speed, params.preferred_speed))
-                success = arrived(actor, params, options.seed, episodes).mean(axis=1)
-                names = [scene.name for scene in run.world.scenes]
-                result["plays"][key] = dict(zip(names, map(float, success), strict=True))
-                result["commits"][key] = result["git_commit"]
-                console.print(f"{key}: {success.round(4)}")
-                scene_study.write(path, result)
+    for robot in ROBOTS:
+        keys = {f"{robot}/{name}/{value}": (name, value) for name, (_, values) in AXES.items() for value in values}
+        if keys.keys() <= result["plays"].keys():
+            continue
+        if not (options.runs / robot / "config.json").exists():
+            for key in keys:  # of a training that is gone: one robot's plays are of one training
+                result["plays"].pop(key, None)
+        run, actor = trained(options, robot, console)
+        for key, (name, value) in keys.items():
+            if key in result["plays"]:
+                continue
+            arrived = arrived or player(run)
+            params = usual.replace(**{name: value})
+            params = params.replace(max_speed=max(params.max_speed, params.preferred_speed))
+            success = arrived(actor, params, options.seed, episodes).mean(axis=1)
+            names = [scene.name for scene in run.world.scenes]
+            result["plays"][key] = dict(zip(names, map(float, success), strict=True))
+            result["commits"][key] = result["git_commit"]
+            console.print(f"{key}: {success.round(4)}")
+            scene_study.write(path, result)
     if arrived is None:  # nothing was played: the file's own device stays
         result["device"] = scene_study.stored(path, identity, "device", result["device"])
     scene_study.write(path, result)

@@ -56,6 +56,24 @@ def test_every_robot_plays_every_value_once(tmp_path, played, capsys):
     assert stop.value.code == 2 and "episodes differ" in capsys.readouterr().err
 
 
+def test_what_is_missing_is_played_again_by_the_same_robot_or_all_of_it_by_another(tmp_path, played):
+    arguments = ["--out", str(tmp_path / "out"), "--runs", str(tmp_path / "runs")]
+    program.main(arguments)
+    values = len(played) // 2
+    result = json.loads((tmp_path / "out" / "robustness.json").read_text())
+    del result["plays"]["plain/crowd_size/8"]
+    for there, count in ((True, 1), (False, values)):
+        if there:
+            (tmp_path / "runs" / "plain").mkdir(parents=True)
+            (tmp_path / "runs" / "plain" / "config.json").touch()
+        else:
+            (tmp_path / "runs" / "plain" / "config.json").unlink()
+        (tmp_path / "out" / "robustness.json").write_text(json.dumps(result))
+        played.clear()
+        program.main(arguments)
+        assert [robot for robot, *_ in played] == ["plain"] * count
+
+
 def test_the_figure_shows_what_was_measured(tmp_path, played, monkeypatch):
     figures = []
     monkeypatch.setattr(Figure, "savefig", lambda self, path, **options: figures.append(self))
