@@ -34,8 +34,9 @@ class HSACConfig(ReplayConfig):
         heads: of the twist: shared, one for all codes; per-code, one for each.
         mean_tanh: squash the mean of the twist once more, as the paper's authors do: it can't quite stop.
         twins: the critics' judgement is their min or their mean.
-        critic: what a critic predicts: scalar, or a histogram of 51 bins of which the value is the mean.
-        critic_norm: layer, none, or batch: CrossQ, without target critics.
+        critic: what a critic predicts: scalar, or a histogram of which the value is the mean: 51 bins from -12 to 20,
+            in units of scaled rewards, beyond which values are clipped.
+        critic_norm: layer, none, or batch: without target critics, as CrossQ, but of the batch's own statistics.
     """
 
     language: str = "phrases"

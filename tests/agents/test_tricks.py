@@ -60,6 +60,28 @@ def test_the_twins_are_judged_by_their_lesser_or_their_mean():
     assert HSAC(HSACConfig(language="codes", codes=2, twins="mean"))._judge(q).tolist() == [[2.0, 3.5]]
 
 
+@pytest.mark.parametrize("critic", ["scalar", "histogram"])
+def test_every_code_is_judged_with_its_own_twist(critic, blank_observation, random_batch):
+    agent, state = learner(blank_observation, heads="per-code", critic=critic)
+    observation = random_batch(np.random.default_rng(0), (16,)).observation
+    twist = jax.random.uniform(jax.random.key(3), (16, 4, 2), minval=-1.0)
+    own = agent._q(state.critic, observation, twist)
+    for code in range(4):
+        alone = agent._q(state.critic, observation, twist[:, code])
+        np.testing.assert_allclose(own[:, :, code], alone[:, :, code], atol=1e-5)
+    assert np.abs(own - agent._q(state.critic, observation, twist[:, ::-1])).max() > 1e-3
+
+
+def test_per_code_heads_learn_from_batch_statistics(blank_observation, random_batch):
+    agent, state = learner(blank_observation, heads="per-code", critic_norm="batch")
+    batch = random_batch(np.random.default_rng(0), (16,))
+    first = critic_loss(agent, state, batch)
+    update = jax.jit(agent.update)
+    for step in range(30):
+        state, _ = update(jax.random.key(step), state, batch, HYPER)
+    assert critic_loss(agent, state, batch) < 0.7 * first
+
+
 def test_entropy_enters_the_backup_as_far_as_it_is_asked(blank_observation, random_batch):
     agent, state = learner(blank_observation)
     batch = random_batch(np.random.default_rng(0), (16,))
