@@ -31,8 +31,6 @@ WORLDS = {
         observation=("pedestrians", "dialogue", "pedestrian_map"), swept_collisions=False, control_delay=1,
     ),
 }  # fmt: skip
-# The generated code runs for milliseconds: there is no point in optimising it for seconds.
-FAST_TO_COMPILE = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 
 # Far beyond what anybody would choose, and zero wherever zero is allowed.
 RANGES = {
@@ -110,7 +108,7 @@ def play():
             y = jnp.concatenate([state.robot.y[None], state.pedestrians.y])
             return world.observe(state, params), wall_clearance(x, y, world.walls(state.scene))
 
-        return jax.jit(jax.vmap(episode, in_axes=(0, None)), compiler_options=FAST_TO_COMPILE)
+        return jax.jit(jax.vmap(episode, in_axes=(0, None)))
 
     programs = {}
 
