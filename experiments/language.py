@@ -303,25 +303,25 @@ def table(result):
         f"|{'---|' * 7}",
     ]  # fmt: skip
     for suite, scene in scenes(result):
-        cells = []
+        row = []
         for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "codes")):
             success = rates(result, scene, robot, heard)
             if not success.size:
-                cells.append("-")
+                row.append("-")
                 continue
             hit = rates(result, scene, robot, heard, "human_collision")
-            cells.append(f"{success.mean():.3f} ± {spread(success):.3f} ({hit.mean():.3f})")
+            row.append(f"{success.mean():.3f} ± {spread(success):.3f} ({hit.mean():.3f})")
         mean, half = paired(result, scene, "test phrases", "codes")
-        cells.insert(3, f"{100 * mean:+.2f} ± {100 * half:.2f} points")
-        lines.append(f"| {suite} | {scene} | {' | '.join(cells)} |")
+        row.insert(3, f"{100 * mean:+.2f} ± {100 * half:.2f} points")
+        lines.append(f"| {suite} | {scene} | {' | '.join(row)} |")
     for suite in dict.fromkeys(suite for suite, _ in scenes(result)):
-        names, cells = [scene for of, scene in scenes(result) if of == suite], []
+        names, row = [scene for of, scene in scenes(result) if of == suite], []
         for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "codes")):
             means = [rates(result, scene, robot, heard) for scene in names]
             success = np.mean(means, axis=0) if means[0].size else means[0]
-            cells.append(f"{success.mean():.3f} ± {spread(success):.3f}" if success.size else "-")
-        cells.insert(3, "")
-        lines.append(f"| {suite} | mean of its scenes | {' | '.join(cells)} |")
+            row.append(f"{success.mean():.3f} ± {spread(success):.3f}" if success.size else "-")
+        row.insert(3, "")
+        lines.append(f"| {suite} | mean of its scenes | {' | '.join(row)} |")
     sweeps = [heard for heard in HEARD if heard not in MAIN]
     lines += [
         "", "**Sweeps** of the first seed with test phrases: success with noise of that norm on the unit vectors, and "
@@ -329,8 +329,8 @@ def table(result):
         f"| scene | test phrases | {' | '.join(sweeps)} |", f"|{'---|' * (len(sweeps) + 2)}",
     ]  # fmt: skip
     for _, scene in scenes(result):
-        cells = [f"{success:.3f}" for success in swept(result, scene).values()]
-        lines.append(f"| {scene} | {' | '.join(cells)} |")
+        row = [f"{success:.3f}" for success in swept(result, scene).values()]
+        lines.append(f"| {scene} | {' | '.join(row)} |")
     return "\n".join(lines) + "\n"
 
 

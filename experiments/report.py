@@ -1,4 +1,4 @@
-"""What the paper's three tables are made of, for ours: the Markdown of a result, with the paper's own numbers.
+"""Our three tables as Markdown, beside the paper's numbers.
 
 A result is what tables.py writes, a dict: `table`, `rows` (a scene, method and budget each), `pairs` and provenance.
 """
@@ -23,7 +23,7 @@ MEANINGS = {
     "HSAC muted": "Muted: HSAC, whose requests nobody hears when it is played.",
     "HSAC told what is meant": "Told what is meant: HSAC, given the message itself when it is played.",
     "HSAC that only hears": "Only hears: trained with nothing to ask.",
-    "HSAC without language": "Without language: trained deaf, with nothing to ask; people commit as everywhere. In "
+    "HSAC without language": "Without language: trained deaf, with nothing to ask; people behave as elsewhere. In "
     "whose reach it is, and who may speak first, it is told: what it lacks are words.",
     "TD3": "TD3, PPO and A2C are given the message itself, and can't ask.",
     "planner": "The planner knows the map and the message itself, and asks; straight line and ORCA do neither.",
@@ -145,7 +145,7 @@ def _facts(result):
         facts += [
             f"Budgets: {', '.join(f'{budget} ({count} environment steps)' for budget, count in steps.items())}. "
             f"{_span(seeds, 'seeds')} seeds, trained at once: training (s) is of all of them together, from the start, "
-            "with compilation in the first scene of those that share a program. Those of this table took "
+            "with compilation in the first scene of those that share a program. All trainings of this table took "
             f"{result['wall_seconds'] / 60:,.0f} min; plays are not counted.",
             f"Encoder {_each(learnt, 'encoder')}; sizes of the preset quick; learning rates and the like as tuned "
             "([tuning.md](tuning.md)).",

@@ -132,6 +132,8 @@ def study(options):
         if not (options.runs / robot / "config.json").exists():
             for key in keys:  # of a training that is gone: one robot's plays are of one training
                 result["plays"].pop(key, None)
+                result["commits"].pop(key, None)
+            scene_study.write(path, result)  # now: the training may be interrupted, and then goes on
         run, actor = trained(options, robot, console)
         for key, (name, value) in keys.items():
             if key in result["plays"]:
@@ -178,8 +180,8 @@ def table(result):
         "Success of a plain and of a robust robot in the parity suite, one training seed each, "
         f"{result['steps'] * 256:,} environment steps; {result['episodes']:,} episodes a scene and value, episode seed "
         f"{result['seed']}, test phrases. The robust one is the preset of that name: all of these were drawn anew for "
-        "each of its episodes. All but the field named is as where the plain one was trained: one pedestrian, a laser "
-        "without noise, no delay. "
+        "each of its episodes. Everything but the field named is as in the plain robot's training: one pedestrian, a "
+        "laser without noise, no delay. "
         f"Device: {result['device']}; commits: {commits}. Our scenes are not the paper's.",
     ]  # fmt: skip
     for name, (label, values) in AXES.items():

@@ -159,7 +159,8 @@ class Study:
             try:
                 stored = json.loads(path.read_text())
                 same = all(stored["config"][field] == _plain(config)[field] for field in PLAYED)
-                found = [(row, row["method"], row["scene"], row["budget"]) for row in stored["rows"]] if same else []
+                rows = [row for row in stored["rows"] if "arrived" in row] if same else []
+                found = [(row, row["method"], row["scene"], row["budget"]) for row in rows]
             except (OSError, ValueError, KeyError, TypeError) as error:
                 raise UserError(f"{path} is no result of a table ({error!r}): move it away") from None
             for row, method, scene, budget in found:
@@ -353,7 +354,7 @@ def packed(arrived):
 
 
 def unpacked(row):
-    """Arrived `[seeds, episodes]` of a row, 0 or 1; a scripted robot is one of one."""
+    """Arrived `[seeds, episodes]` of a row, 0 or 1; a scripted robot has one row."""
     bits = [np.frombuffer(base64.b64decode(text), np.uint8) for text in row["arrived"]]
     return [np.unpackbits(part)[: row["episodes"]].astype(int) for part in bits]
 

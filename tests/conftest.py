@@ -1,5 +1,6 @@
 """What every test relies on: the CPU, a cache of what was compiled, the same random examples in every run, `--full`."""
 
+import gc
 import os
 import pathlib
 import tempfile
@@ -21,6 +22,9 @@ OPTIMISED = (
     "agents/test_hsac_closed_form.py", "agents/test_scripted.py", "agents/test_torch.py", "test_notebooks.py",
     "test_readme.py", "test_talk.py", "world/test_lidar_mujoco.py", "world/test_rvo2.py",
 )  # fmt: skip
+
+# Tracing makes objects by the million, of which few are garbage: looking for it takes a tenth of the time otherwise.
+gc.set_threshold(200_000, 50, 50)
 
 settings.register_profile("jaxnav", derandomize=True, deadline=None, max_examples=100, database=None)
 settings.load_profile("jaxnav")

@@ -36,7 +36,7 @@ class HSACConfig(ReplayConfig):
         twins: the critics' judgement is their min or their mean.
         critic: what a critic predicts: scalar, or a histogram of which the value is the mean: 51 bins from -12 to 20,
             in units of scaled rewards, beyond which values are clipped.
-        critic_norm: layer, none, or batch: without target critics, as CrossQ, but of the batch's own statistics.
+        critic_norm: layer, none, or batch: without target critics, like CrossQ, but with the batch's own statistics.
     """
 
     language: str = "phrases"

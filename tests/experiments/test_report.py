@@ -59,6 +59,7 @@ def test_the_facts_come_first():
         "paper (128,000 environment steps), converged (1,000,000 environment steps). 4 seeds, ",
         "Encoder lidar; ", "TD3, PPO and A2C are given the message itself", "The planner knows the map",
         "Device: Abacus. Commits of the rows", "c0ffee, decaf.",
+        "All trainings of this table took 206 min", "[trajectories](trajectories)",
     ):  # fmt: skip
         assert fact in text
     assert "muted" not in text.lower(), "what isn't in the table isn't explained"

@@ -74,6 +74,29 @@ def test_what_is_missing_is_played_again_by_the_same_robot_or_all_of_it_by_anoth
         assert [robot for robot, *_ in played] == ["plain"] * count
 
 
+def test_an_interrupted_training_does_not_keep_the_plays_of_the_one_before(tmp_path, played, monkeypatch):
+    arguments = ["--out", str(tmp_path / "out"), "--runs", str(tmp_path / "runs")]
+    program.main(arguments)
+    values, path = len(played) // 2, tmp_path / "out" / "robustness.json"
+    result = json.loads(path.read_text())
+    del result["plays"]["plain/crowd_size/8"]
+    path.write_text(json.dumps(result))
+    whole = program.trained
+
+    def interrupted(options, robot, console):
+        (options.runs / robot).mkdir(parents=True)
+        (options.runs / robot / "config.json").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(program, "trained", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        program.study(program.Options(out=tmp_path / "out", runs=tmp_path / "runs"))
+    monkeypatch.setattr(program, "trained", whole)
+    played.clear()
+    program.main(arguments)
+    assert [robot for robot, *_ in played] == ["plain"] * values
+
+
 def test_the_figure_shows_what_was_measured(tmp_path, played, monkeypatch):
     figures = []
     monkeypatch.setattr(Figure, "savefig", lambda self, path, **options: figures.append(self))

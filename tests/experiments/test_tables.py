@@ -31,7 +31,7 @@ class FakePrograms:
     done: list
     play = cells.Programs.play
 
-    def __init__(self, config, seeds, told=False):
+    def __init__(self, config, seeds, is_told=False):
         self.config, self.members, self.spoken = config, seeds, None
         self.population = self
         FakePrograms.done.append(("compile", config.algo, config.agent.encoder))
@@ -220,7 +220,7 @@ def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, m
 
         def __call__(self, policy_params, scene, seed, episodes):
             played.append((self.scene, episodes))
-            return FakePrograms.player(FakePrograms(preset("quick"), 1), (0.0, True, None), 0, seed, episodes)
+            return FakePrograms.player(FakePrograms(preset("quick"), 1), (0.0, False, None), 0, seed, episodes)
 
     monkeypatch.setattr(cells, "SCRIPTED", {"planner": (None, None)})
     monkeypatch.setattr(cells, "Player", FakePlayer)
@@ -235,6 +235,23 @@ def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, m
         assert {(row["commit"], row["device"], row["episodes"]) for row in rows} == {("abc", "none", 40)}
     new = [row for row in again["rows"] if row["method"] == "HSAC without language"]
     assert {(row["commit"], row["device"]) for row in new} == {("def", "another")}
+    result = run(table1, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    assert len(played) == 3
+    paired = {(p["scene"], p["budget"]): p["difference"] for p in result["pairs"] if p["other"] == "planner"}
+    # HSAC arrives in nine of ten episodes, who is made up here in eight.
+    assert paired == {(s, b): pytest.approx(0.1) for s in cells.GROUPS[0] for b in ("paper", "converged")}
+
+
+def test_a_training_is_timed_once_whoever_was_played_after_it(run, tmp_path):
+    result = run(table3, "--seeds", "2", "--episodes", "20", "--suite", "parity")
+    rows = {(row["method"], row["budget"]): row for row in result["rows"] if row["scene"] == "square"}
+    timed = [
+        row | {"train_seconds": {"paper": 10.0, "converged": 25.0}[budget] if method != "HSAC that only hears" else 7.0}
+        for (method, budget), row in rows.items() if method != "HSAC without language"
+    ]  # fmt: skip
+    assert len(timed) == 7  # three kinds of playing one training of two budgets, and another training
+    options = tables.Options(seeds=2, episodes=20, runs=tmp_path / "runs", out=tmp_path / "out")
+    assert tables.Study(options, table3.METHODS)._wall_seconds(timed) == 32.0
 
 
 def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
