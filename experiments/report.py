@@ -146,7 +146,7 @@ def _facts(result):
             f"Budgets: {', '.join(f'{budget} ({count} environment steps)' for budget, count in steps.items())}. "
             f"{_span(seeds, 'seeds')} seeds, trained at once: training (s) is of all of them together, from the start, "
             "with compilation in the first scene of those that share a program. All trainings of this table took "
-            f"{result['wall_seconds'] / 60:,.0f} min; plays are not counted.",
+            f"{result['train_seconds'] / 60:,.0f} min; plays are not counted.",
             f"Encoder {_each(learnt, 'encoder')}; sizes of the preset quick; learning rates and the like as tuned "
             "([tuning.md](tuning.md)).",
         ]

@@ -114,12 +114,12 @@ class Study:
             rows[row["scene"], row["method"], row["budget"]] = row
             # An interruption leaves what is known: rows that this call has not come to yet, too.
             result["rows"] = list((self._kept | rows).values())
-            result["wall_seconds"] = self._wall_seconds(result["rows"])
+            result["train_seconds"] = self._train_seconds(result["rows"])
             scene_study.write(path, result)
         if not rows:
             raise UserError("nothing was played yet: give --suite both, parity or hard")
         result["rows"] = list(rows.values())
-        result["wall_seconds"] = self._wall_seconds(result["rows"])
+        result["train_seconds"] = self._train_seconds(result["rows"])
         wanted = [
             (rows.get((scene, one, budget)), rows.get((scene, other, "none" if other in cells.SCRIPTED else budget)))
             for one, other in pairs
@@ -132,7 +132,7 @@ class Study:
         figure.draw(result, path.with_suffix(".png"))
         return result
 
-    def _wall_seconds(self, rows):
+    def _train_seconds(self, rows):
         """Of all trainings of a table: both budgets are one, and so are methods that differ in how they are played."""
         longest = {}
         for row in rows:

@@ -67,7 +67,7 @@ def made_up(suites=("parity", "hard"), budgets=("paper", "converged"), without=(
     }  # fmt: skip
     return {
         "table": table, "rows": rows, "pairs": [pair, pair | {"field": "steps", "difference": 1.5, "ci95_half": 0.25}],
-        "config": {}, "commit": "c0ffee", "device": "Abacus", "versions": {}, "wall_seconds": 12_345.0,
+        "config": {}, "commit": "c0ffee", "device": "Abacus", "versions": {}, "train_seconds": 12_345.0,
     }  # fmt: skip
 
 
