@@ -16,7 +16,8 @@ from rich.console import Console
 
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
-from jaxnav.training.config import preset, resolve, to_json
+from jaxnav.training.config import preset, resolve
+from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import episode_keys, make_policy, wilson_interval
 from jaxnav.training.provenance import provenance
 from jaxnav.training.rollout import play

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from jaxnav.errors import UserError
-from jaxnav.training.config import differences
+from jaxnav.training.dataclass_json import differences
 from jaxnav.training.provenance import provenance
 from jaxnav.training.run import VALIDATION_SEED, Interrupted
 from jaxnav.world import SCENES

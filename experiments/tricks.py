@@ -15,7 +15,8 @@ import tune
 from rich.console import Console
 
 from jaxnav.errors import UserError
-from jaxnav.training.config import differences, make_agent, preset, resolve, to_json
+from jaxnav.training.config import make_agent, preset, resolve
+from jaxnav.training.dataclass_json import differences, to_json
 from jaxnav.training.evaluation import Evaluator
 from jaxnav.training.population import Population, member
 from jaxnav.training.provenance import provenance

@@ -16,7 +16,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from ..errors import UserError, remedy
-from .config import differences
+from .dataclass_json import differences
 
 # Orbax tells of every save and of every damaged file; a run's progress and errors say so in their own words. After a
 # failure its coroutines and the threads of TensorStore complain too, through hooks of Python's and at any later time.

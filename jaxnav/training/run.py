@@ -20,7 +20,8 @@ import numpy as np
 from ..errors import UserError, remedy
 from ..language.table import default_table
 from .checkpoint import Checkpoints
-from .config import RunConfig, differences, make_agent, resolve, run_from_json, to_json
+from .config import RunConfig, make_agent, resolve, run_from_json
+from .dataclass_json import differences, to_json
 from .evaluation import Evaluator, episode_keys, make_policy
 from .loop import LoopState, Trainer
 from .memory import check_memory

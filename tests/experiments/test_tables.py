@@ -17,7 +17,8 @@ import tables
 import tune
 
 from jaxnav.training import evaluation
-from jaxnav.training.config import preset, to_json
+from jaxnav.training.config import preset
+from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.population import Trained, member
 from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import Params

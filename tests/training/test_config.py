@@ -7,17 +7,8 @@ import pytest
 
 from jaxnav.agents.hsac import HSACConfig, Hyperparameters
 from jaxnav.errors import UserError
-from jaxnav.training.config import (
-    PRESETS,
-    RunConfig,
-    TrainConfig,
-    WorldSettings,
-    differences,
-    from_json,
-    preset,
-    resolve,
-    to_json,
-)
+from jaxnav.training.config import PRESETS, RunConfig, TrainConfig, WorldSettings, preset, resolve
+from jaxnav.training.dataclass_json import differences, from_json, to_json
 from jaxnav.world import Params, World, WorldConfig, default_params
 
 NAN = float("nan")

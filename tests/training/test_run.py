@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from jaxnav.errors import UserError
-from jaxnav.training.config import run_from_json, to_json
+from jaxnav.training.config import run_from_json
+from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.loop import Trainer
 from jaxnav.training.run import Interrupted, Run
 
