@@ -82,6 +82,7 @@ def _train(arguments):
     from .training.run import Interrupted, Run
 
     default = preset(_option(arguments, "--preset") or "quick", _option(arguments, "--algo") or "hsac")
+    _check_algorithm(arguments, default)
     scene = _option(arguments, "--scene")
     if scene is not None:
         # The people of a scene are the defaults of --world.params, which the command line may still change.
@@ -111,6 +112,24 @@ def _train(arguments):
         f"trained in {run.metrics()[-1]['wall_seconds']:.0f} s; everything is in {run.folder}/: {', '.join(names)}",
         soft_wrap=True,
     )
+
+
+def _check_algorithm(arguments, default):
+    """UserError: an option that other algorithms have, and ``default``'s hasn't."""
+    from .training.config import ALGORITHMS
+
+    configs = {algo: cls() for algo, (_, cls) in ALGORITHMS.items()}
+    for part in ("agent", "hyper"):
+        fields = {algo: {f.name for f in dataclasses.fields(getattr(one, part))} for algo, one in configs.items()}
+        for field in sorted(set().union(*fields.values()) - fields[default.algo]):
+            option = f"--{part}.{field.replace('_', '-')}"
+            value = _option([argument.replace("_", "-") for argument in arguments], option)
+            if value is not None:
+                others = [algo for algo in fields if field in fields[algo]]
+                raise UserError(
+                    f"{option} is {value}, but {default.algo} has no such option: leave it out, or give --algo "
+                    + " or ".join(others)
+                )
 
 
 @dataclasses.dataclass(frozen=True)
