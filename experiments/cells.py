@@ -21,6 +21,7 @@ from jaxnav.training.rollout import EpisodeSummary, play, record
 from jaxnav.world import SUITES
 
 BLOCK = 500  # episodes played at once
+REPORTED = 32_000  # environment steps between two lines of progress
 DRAWN = 6  # episodes of each scene in the figure of a method's trajectories
 TUNED = scene_study.RESULTS / "tuning.json"
 
@@ -132,12 +133,12 @@ class Player:
 class Programs:
     """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
 
-    def __init__(self, config, seeds, is_told=False):
+    def __init__(self, config, seeds, is_told=False, phrases="test"):
         self.agent = make_agent(config)
         self.population = Population(config, self.agent, seeds)
         policy = told(self.agent) if is_told else make_policy(self.agent)
         self.player = Player(self.population.world, config.world.params, policy)
-        self.spoken = self.agent.spoken("test")
+        self.spoken = self.agent.spoken(phrases)
         self._like = None
 
     def play(self, policies, method, scene, seed, episodes):
@@ -156,6 +157,18 @@ class Programs:
             self._like = jax.tree.structure(self.agent.policy(start.learner))
         stored = np.load(folder / "policies.npz")
         return jax.tree.unflatten(self._like, [stored[name] for name in sorted(stored.files)])
+
+
+def reporter(console, name, episodes):
+    """A function (steps of all episodes, metrics `[members]`) that now and then prints how a training goes."""
+
+    def show(steps, metrics):
+        if steps * episodes % REPORTED == 0:
+            rates = metrics["episodes_arrived"].sum(1) / np.maximum(metrics["episodes_ended"].sum(1), 1)
+            text = " ".join(f"{rate:.2f}" for rate in rates)
+            console.print(f"{name}: {steps * episodes // 1000}k steps, success while learning {text}", soft_wrap=True)
+
+    return show
 
 
 def measures(summary):

@@ -243,16 +243,9 @@ class Study:
         hyper = population.config.hyper
         start, broken, seconds = time.monotonic(), (), 0.0
         loop = population.start(range(options.seeds), hyper, index)
+        show = cells.reporter(self.console, f"{method.training} {scene}", population.config.train.episodes)
         for budget, (env_steps, _) in options.blocks_of(method).items():
             steps = env_steps // population.config.train.episodes
-
-            def show(done, metrics, name=f"{method.training} {scene}"):
-                rates = metrics["episodes_arrived"].sum(1) / np.maximum(metrics["episodes_ended"].sum(1), 1)
-                text = " ".join(f"{rate:.2f}" for rate in rates)
-                each = population.config.train.episodes
-                if done * each % 32_000 == 0:
-                    self.console.print(f"{name}: {done * each // 1000}k steps, success while learning {text}")
-
             loop, trained = population.train(loop, hyper, steps, show, broken)
             broken, seconds = trained.broken, time.monotonic() - start
             folder = options.runs / f"{method.training}-{scene}-{budget}"

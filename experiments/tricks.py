@@ -41,6 +41,7 @@ TRICKS = {
     "batches of twice the size": ({"batch": 1024}, {}),
     "a twist for each code": ({"heads": "per-code"}, {}),
     "means through tanh (the authors)": ({"mean_tanh": True}, {}),
+    "told when and how near people come (lidar-approach)": ({"encoder": "lidar-approach"}, {}),
 }
 
 

@@ -8,6 +8,7 @@ import json
 import pathlib
 import time
 
+import cells
 import numpy as np
 import scene_study
 from rich.console import Console
@@ -85,11 +86,7 @@ def tune(algo, options, console):
     population = Population(config, agent, options.trials)
     loop = population.start([options.seed] * options.trials, hyper)
 
-    def show(steps, metrics):
-        rates = metrics["episodes_arrived"].sum(1) / np.maximum(metrics["episodes_ended"].sum(1), 1)
-        if steps * config.train.episodes % 32_000 == 0:
-            console.print(f"{algo}, {steps * config.train.episodes // 1000}k steps: {rates.round(2)}")
-
+    show = cells.reporter(console, algo, config.train.episodes)
     _, trained = population.train(loop, hyper, config.train.total_steps, show)
     evaluator, trials = Evaluator(population.world, agent, config.world.params), []
     for i in range(options.trials):

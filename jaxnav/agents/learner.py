@@ -31,7 +31,8 @@ class LearnerConfig:
     """Sizes of the networks: static under ``jit``.
 
     Attributes:
-        encoder: how observations become features: lidar, grid (the paper's CNN) or grid-frozen (its weights random).
+        encoder: how observations become features: lidar, lidar-approach (which is told when and how near each
+            pedestrian comes), grid (the paper's CNN) or grid-frozen (its weights random).
         actor_widths: hidden layers of the actor.
         critic_widths: hidden layers of each critic, or of the value network.
     """

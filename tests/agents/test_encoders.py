@@ -1,6 +1,7 @@
 """The paper's network on grid maps: its numbers are torch's, what is frozen stays; any learner takes any encoder."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 import torch
 from flax import linen as nn
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from jaxnav import Params, World, WorldConfig
-from jaxnav.agents.networks import ENCODERS, PARTS, GridEncoder, message_codes
+from jaxnav.agents.networks import ENCODERS, PARTS, GridEncoder, approach_features, message_codes
 from jaxnav.training.config import ALGORITHMS, TrainConfig, make_agent, preset, resolve
 from jaxnav.training.loop import Trainer
 
@@ -76,11 +79,11 @@ def test_a_leading_axis_more_or_less_is_the_same(observations):
     np.testing.assert_allclose(many, deep[0], atol=1e-6)
 
 
-@pytest.mark.parametrize("encoder", ["lidar", "grid"])
+@pytest.mark.parametrize("encoder", ["lidar", "lidar-approach", "grid"])
 def test_rows_of_nobody_do_not_count(encoder, observations):
     """What is seen of one pedestrian is the same in a world that has room for three."""
     one = jax.tree.map(lambda leaf: leaf[0, :1] if leaf.ndim > 1 and leaf.shape[1] == 2 else leaf[0], observations)
-    if encoder == "lidar":
+    if encoder != "grid":
         one = one.replace(scan=jnp.linspace(0.5, 4.0, 24), pedestrians=jnp.ones((1, 4)), seen=jnp.ones(1, bool))
     one = one.replace(dialogue=one.dialogue.replace(is_open=jnp.ones(1, jnp.int32)))
 
@@ -88,7 +91,7 @@ def test_rows_of_nobody_do_not_count(encoder, observations):
         return jnp.concatenate([leaf, jnp.zeros((2, *leaf.shape[1:]), leaf.dtype)])
 
     three = one.replace(dialogue=jax.tree.map(pad, one.dialogue))
-    if encoder == "lidar":
+    if encoder != "grid":
         three = three.replace(pedestrians=pad(one.pedestrians), seen=pad(one.seen))
     net = ENCODERS[encoder](**(SMALL if encoder == "grid" else {}))
     weights = jax.jit(net.init)(jax.random.key(0), one, message_codes(one.dialogue))
@@ -98,7 +101,7 @@ def test_rows_of_nobody_do_not_count(encoder, observations):
     apply = jax.jit(net.apply)
     features = [apply(weights, seen, message_codes(seen.dialogue)) for seen in (one, three)]
     np.testing.assert_allclose(*features, atol=1e-6)
-    if encoder == "lidar":  # who is out of sight, but speaks, counts
+    if encoder != "grid":  # who is out of sight, but speaks, counts
         hidden = one.replace(seen=jnp.zeros(1, bool), pedestrians=jnp.zeros((1, 4)))
         silent = jax.tree.map(jnp.zeros_like, one.dialogue)
         speaks = silent.replace(utterance=jnp.full_like(silent.utterance, 5))
@@ -106,11 +109,35 @@ def test_rows_of_nobody_do_not_count(encoder, observations):
         assert np.abs(a - b).max() > 1e-3
 
 
+finite = st.floats(-5.0, 5.0, width=32)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.tuples(finite, finite), st.tuples(finite, finite), st.tuples(finite, finite), st.floats(0.0, 0.6))
+def test_the_closest_approach_is_that_of_two_who_are_driven_there(place, velocity, goal, speed):
+    """Against both moved along in steps of 6 ms, for each of the robot's four ways to go on."""
+    pose = jnp.zeros((3, 3)).at[2, :2].set(jnp.array(goal))
+    person = jnp.array([[*place, *np.divide(velocity, 5)]], jnp.float32)
+    observation = SimpleNamespace(pedestrians=person, pose=pose, twist=jnp.array([speed, 0.3]))
+    found = np.asarray(approach_features(observation), np.float64).reshape(4, 3)
+    to_goal = np.array(goal) / max(np.hypot(*goal), 1e-9)
+    t = np.linspace(0.0, 6.0, 1001)[:, None]
+    for row, own in zip(found, ([speed, 0.0], [0.6, 0.0], 0.6 * to_goal, [0.0, 0.0]), strict=True):
+        gap = np.hypot(*(np.array(place) + t * (np.array(velocity) / 5 - np.array(own))).T)
+        time, nearest = 4 * row[0], gap.min()
+        assert row[1] == pytest.approx(min(nearest, 2.0) / 2, abs=6e-3)
+        # Where the gap hardly changes the time is open: what it is at the time that is given, is not.
+        assert np.interp(time, t[:, 0], gap) == pytest.approx(nearest, abs=1e-2)
+        danger = np.exp(-0.5 * time - 3 * max(nearest - 0.3, 0.0))
+        assert row[2] == pytest.approx(danger, abs=3e-2)
+
+
 @pytest.mark.parametrize("encoder", ENCODERS)
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_any_learner_takes_any_encoder(algo, encoder):
     """Traced, not run: shapes and types of a chunk's result are those of its beginning, so that it goes on."""
-    base = preset("quick" if encoder == "lidar" else encoder, algo)
+    base = preset("quick" if encoder.startswith("lidar") else encoder, algo)
+    base = dataclasses.replace(base, agent=dataclasses.replace(base.agent, encoder=encoder))
     train = TrainConfig(episodes=8, replay_rows=10, steps_per_chunk=25, total_steps=25)
     config = resolve(dataclasses.replace(base, train=train))
     assert config.agent.encoder == encoder

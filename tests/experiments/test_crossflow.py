@@ -1,20 +1,22 @@
-"""The study of crossflow with made-up plays: what is trained, what is compared, and that it goes on."""
+"""The study of crossflow with made-up robots: what is trained and played, what is compared, and that it goes on."""
 
 import json
 
+import cells
 import crossflow as program
 import numpy as np
 import pytest
 
 from jaxnav.training.dataclass_json import to_json
+from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary
+from jaxnav.training.run import VALIDATION_SEED
 
 EPISODES = 200
-# Episodes that fail, of the first ones: one more with each seed.
-FAILURES = {name: 40 - 5 * i for i, name in enumerate(program.VARIANTS)}
 
 
 def summary(failures):
+    """Plays in which the first so many episodes fail, by seed."""
     arrived = np.array([np.arange(EPISODES) >= count for count in failures])
     zero, no = np.zeros(arrived.shape, int), np.zeros(arrived.shape, bool)
     return EpisodeSummary(
@@ -23,58 +25,105 @@ def summary(failures):
     )  # fmt: skip
 
 
+class FakePrograms:
+    """Trains nothing. Unchanged robots fail 40 and 42 episodes, those that observe eight people 35 and 37; the second
+    seed breaks where the mean of the twins is taken."""
+
+    done: list
+
+    def __init__(self, config, seeds, is_told=False, phrases="test"):
+        assert not is_told and phrases == "validation"
+        self.population, self.config, self.members = self, config, seeds
+
+    def start(self, seeds, hyper, scene):
+        assert list(seeds) == list(range(self.members)) and hyper is self.config.hyper and scene == 0
+        return "loop"
+
+    def train(self, loop, hyper, steps, report):
+        FakePrograms.done.append((self.config.world.nearest, self.config.agent.twins, self.config.agent.encoder, steps))
+        broken = (None, 6400) if self.config.agent.twins == "mean" else (None, None)
+        return loop, Trained(env_steps=steps * self.config.train.episodes, policies="policies", broken=broken)
+
+    def play(self, policies, method, scene, seed, episodes):
+        assert (policies, scene, seed, episodes) == ("policies", 0, VALIDATION_SEED, EPISODES)
+        assert method == cells.METHODS["HSAC"]
+        least = 35 if self.config.world.nearest == 8 else 40
+        return summary([least, least + 2])
+
+
 @pytest.fixture
 def done(monkeypatch):
-    """The variants that are trained, in order."""
-    names = []
+    """What is trained, in order."""
+    FakePrograms.done = []
 
-    def trained(name, options, console):
-        names.append(name)
-        row = program._row(name, "trained", summary([FAILURES[name], FAILURES[name] + 2]), [0, 1])
-        config = to_json(program.configuration(name, options.steps))
-        return row | {"env_steps": options.steps, "train_seconds": 1.0, "config": config, "excluded": [], "device": "x"}
+    def player(world, params, policy):
+        assert policy is cells.SCRIPTED["planner"][0] and [scene.name for scene in world.scenes] == ["crossflow"]
+        return lambda policy_params, scene, seed, episodes: EpisodeSummary(*(leaf[0] for leaf in summary([10])))
 
-    planner = program._row("planner", "none", summary([10]), []) | {"device": "x"}
-    monkeypatch.setattr(program, "trained", trained)
-    monkeypatch.setattr(program, "planned", lambda options: planner)
-    return names
+    monkeypatch.setattr(cells, "Programs", FakePrograms)
+    monkeypatch.setattr(cells, "Player", player)
+    return FakePrograms.done
 
 
 def test_each_variant_is_trained_once_and_compared_over_the_same_episodes(tmp_path, done, capsys):
     arguments = ["--seeds", "2", "--episodes", str(EPISODES), "--out", str(tmp_path)]
-    second = list(program.VARIANTS)[1]
-    program.main([*arguments, "--variants", second])
-    assert done == [second] and "| -" in capsys.readouterr().out  # no robot of the tables to compare it with yet
+    program.main([*arguments, "--variants", "eight"])
+    assert done == [(8, "min", "lidar", 1000)] and "| - | -13.0" in capsys.readouterr().out
     program.main(arguments)
-    assert sorted(done) == sorted(program.VARIANTS)
+    assert len(done) == len(set(done)) == len(program.VARIANTS)
     table = (tmp_path / "crossflow.md").read_text()
     assert capsys.readouterr().out == table
-    row = next(line for line in table.splitlines() if line.startswith(f"| {second} "))
-    # 35 and 37 failures of 200: 5 fewer than the tables' robots, and 26 more than the planner on average.
-    assert "0.820 (0.825 0.815)" in row and "| +2.5 (+2.5 to +2.5) | -13.0 (-13.5 to -12.5) |" in row
-    result = json.loads((tmp_path / "crossflow.json").read_text())
-    result["rows"][second]["config"]["world"]["nearest"] = 3
-    (tmp_path / "crossflow.json").write_text(json.dumps(result))
+    rows = {line.split(" | ")[0].strip("| "): line for line in table.splitlines() if line.startswith("| ")}
+    # 35 and 37 failures of 200: 5 fewer than unchanged, and 26 more than the planner on average.
+    assert (
+        "0.820 (0.825 0.815)" in rows["eight"] and "| +2.5 (+2.5 to +2.5) | -13.0 (-13.5 to -12.5) |" in rows["eight"]
+    )
+    assert "without seeds [1]" in rows["twins-mean"] and "0.800 (0.800)" in rows["twins-mean"]
+    assert "| 512,000 |" in rows["approach-eight-twice"] and "| 0.950 |" in rows["planner"]
+    program.main(arguments)
+    assert len(done) == len(program.VARIANTS)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda result: result["rows"]["eight"]["config"]["world"].update(nearest=3), "eight (world.nearest"),
+        (lambda result: result["rows"]["planner"]["config"]["params"].update(max_v=9), "planner (params.max_v"),
+        (lambda result: result.update(seeds=3), "seeds differ"),
+    ],
+)
+def test_results_of_something_else_are_refused(change, said, tmp_path, done, capsys):
+    arguments = ["--seeds", "2", "--episodes", str(EPISODES), "--out", str(tmp_path), "--variants", "eight"]
+    program.main(arguments)
+    path = tmp_path / "crossflow.json"
+    result = json.loads(path.read_text())
+    change(result)
+    path.write_text(json.dumps(result))
     with pytest.raises(SystemExit) as stop:
         program.main(arguments)
-    message = capsys.readouterr().err
-    assert stop.value.code == 2 and second in message and "world.nearest" in message
+    assert stop.value.code == 2 and said in capsys.readouterr().err
+    assert json.loads(path.read_text()) == result
 
 
 def test_every_variant_is_a_configuration_that_differs_in_what_it_names():
-    usual = program.configuration(program.BASE, 256_000)
+    usual = program.configuration(program.UNCHANGED, 256_000)
     assert usual.world.scenes == (program.SCENE,) and usual.train.total_steps * usual.train.episodes == 256_000
-    for name, (world, agent, longer) in program.VARIANTS.items():
+    for name, (_, world, agent, longer) in program.VARIANTS.items():
         config = program.configuration(name, 256_000)
         assert all(getattr(config.world, field) == value for field, value in world.items())
         assert all(getattr(config.agent, field) == value for field, value in agent.items())
         assert config.train.total_steps == longer * usual.train.total_steps
-        assert (to_json(config) == to_json(usual)) == (name == program.BASE)
+        assert (to_json(config) == to_json(usual)) == (name == program.UNCHANGED)
+        assert name in program.Options.__doc__
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(["--variants", "none"], "'none'"), (["--steps", "1000"], "--steps is 1000"), (["--seeds", "0"], "--seeds is 0")],
+    [
+        (["--variants", "none"], "'none'"),
+        (["--steps", "38400"], "--steps is 38400"),
+        (["--seeds", "0"], "--seeds is 0"),
+    ],
 )
 def test_what_is_not_possible_is_named(arguments, said, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
