@@ -4,10 +4,8 @@ python experiments/language.py --help
 """
 
 import dataclasses
-import json
 import math
 import pathlib
-import sys
 import time
 
 import cells
@@ -16,7 +14,6 @@ import jax.numpy as jnp
 import language_report
 import numpy as np
 import scene_study
-import tyro
 from language_report import HEARD, MAIN
 from rich.console import Console
 
@@ -28,7 +25,7 @@ from jaxnav.training.config import PRESETS, TrainConfig, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import make_policy, wilson_interval
 from jaxnav.training.provenance import provenance
-from jaxnav.training.run import Interrupted, Run
+from jaxnav.training.run import Run
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT
 
 PROGRAM = "language"
@@ -49,7 +46,6 @@ class Options:
         seed: of the episodes that are played, the same for all robots.
         runs: folder of the trainings.
         out: folder of the results.
-        only_train: train, and play later.
     """
 
     seeds: int = 5
@@ -58,16 +54,13 @@ class Options:
     seed: int = 7
     runs: pathlib.Path = pathlib.Path("runs/language")
     out: pathlib.Path = scene_study.RESULTS
-    only_train: bool = False
 
     def __post_init__(self):
-        for name, least, most in (("seeds", 1, 100), ("episodes", cells.BLOCK, 1_000_000), ("steps", 25, 100_000)):
-            if not least <= getattr(self, name) <= most:
-                raise UserError(f"--{name} is {getattr(self, name)}: give a whole number from {least} to {most}")
+        limits = ("seeds", 1, 100), ("episodes", cells.BLOCK, 10**6), ("steps", 25, 10**5), ("seed", 0, 2**32 - 1)
+        scene_study.check_numbers(self, limits)
+        scene_study.check_unseen(self.seed)
         if self.steps % TrainConfig.steps_per_chunk:
             raise UserError(f"--steps is {self.steps}: give a multiple of {TrainConfig.steps_per_chunk}")
-        if not 0 <= self.seed < 2**32:
-            raise UserError(f"--seed is {self.seed}: give a whole number from 0 to {2**32 - 1}")
 
     def seeds_of(self, suite):
         """How many robots of each kind a suite has."""
@@ -104,6 +97,12 @@ def configuration(options, suite, robot, seed):
             resume=(folder / "config.json").exists(), train=dataclasses.replace(base.train, total_steps=options.steps),
         )
     )  # fmt: skip
+
+
+def trained_as(options, suite, robot):
+    """What decides on how a robot is trained: all of a configuration but its name, seed and folder."""
+    whole = to_json(configuration(options, suite, robot, 0))
+    return {name: value for name, value in whole.items() if name not in ("preset", "seed", "out", "resume")}
 
 
 def trained(options, suite, robot, seed, console):
@@ -180,24 +179,13 @@ def study(options):
     console = Console(stderr=True)
     path = options.out / f"{PROGRAM}.json"
     identity = {
-        "command": f"python experiments/{PROGRAM}.py", "seeds": options.seeds, "episodes": options.episodes,
-        "steps": options.steps, "seed": options.seed, "phrases": default_table().phrases_hash,
-        "embeddings": default_table().encoder,
+        "seeds": options.seeds, "episodes": options.episodes, "steps": options.steps, "seed": options.seed,
+        "phrases": default_table().phrases_hash, "embeddings": default_table().encoder,
+        "configs": {f"{suite} {kind}": trained_as(options, suite, kind) for suite, kind, _ in trainings(options)},
     }  # fmt: skip
-    result = {**identity, **provenance(), "plays": {}}
-    if path.exists():
-        try:
-            before = json.loads(path.read_text())
-            if {name: before[name] for name in identity} == identity:
-                result["plays"] = before["plays"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
+    result = {"command": f"python experiments/{PROGRAM}.py", **identity, **provenance()}
+    result["plays"] = scene_study.stored(path, identity, "plays", {})
     robots = {key: trained(options, *key, console) for key in trainings(options)}
-    result["configs"] = {
-        f"{suite} {robot}": to_json(run.config) for (suite, robot, seed), (run, _) in robots.items() if seed == 0
-    }
-    if options.only_train:
-        return None
     predictions = [understanding(*robot) for (_, kind, _), robot in robots.items() if kind == "phrases"]
     result["accuracy"] = accuracy(predictions)
     players = {}
@@ -224,18 +212,8 @@ def study(options):
 
 
 def main(arguments=None):
-    """Entry point; exits with 2 after an error that the user can mend."""
-    try:
-        options = tyro.cli(Options, args=arguments, prog=f"python experiments/{PROGRAM}.py")
-        result = study(options)
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except (Interrupted, KeyboardInterrupt):
-        print("interrupted; the same command goes on", file=sys.stderr)
-        sys.exit(130)
-    if result is not None:
-        print(language_report.table(result), end="")
+    """Entry point."""
+    scene_study.main(Options, study, language_report.table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

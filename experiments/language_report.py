@@ -35,7 +35,10 @@ def scenes(result):
 
 
 def paired(result, scene, one, other):
-    """(difference of success, half its 95 % interval) of two ways to hear, over the episodes of all seeds."""
+    """(difference of success, half its 95 % interval over episodes) of two ways to hear.
+
+    All seeds play the same episodes: what varies from one to the next is their mean.
+    """
     differences = []
     for key, play_one in result["plays"].items():
         suite, name, robot, heard, seed = key.split("/")
@@ -46,8 +49,8 @@ def paired(result, scene, one, other):
         difference[play_one["failed"]] -= 1
         difference[play_other["failed"]] += 1
         differences.append(difference)
-    differences = np.concatenate(differences)
-    return differences.mean(), 1.96 * differences.std() / math.sqrt(differences.size)
+    mean = np.mean(differences, axis=0)
+    return mean.mean(), 1.96 * mean.std() / math.sqrt(mean.size)
 
 
 def spread(values):

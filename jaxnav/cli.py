@@ -82,7 +82,8 @@ def _train(arguments):
     from .training.run import Interrupted, Run
 
     default = preset(_option(arguments, "--preset") or "quick", _option(arguments, "--algo") or "hsac")
-    _check_algorithm(arguments, default)
+    if not {"-h", "--help"} & set(arguments):
+        _check_algorithm(arguments, default.algo)
     scene = _option(arguments, "--scene")
     if scene is not None:
         # The people of a scene are the defaults of --world.params, which the command line may still change.
@@ -114,22 +115,23 @@ def _train(arguments):
     )
 
 
-def _check_algorithm(arguments, default):
-    """UserError: an option that other algorithms have, and ``default``'s hasn't."""
+def _check_algorithm(arguments, algo):
+    """UserError: an option that other algorithms have, and this one hasn't."""
     from .training.config import ALGORITHMS
 
-    configs = {algo: cls() for algo, (_, cls) in ALGORITHMS.items()}
-    for part in ("agent", "hyper"):
-        fields = {algo: {f.name for f in dataclasses.fields(getattr(one, part))} for algo, one in configs.items()}
-        for field in sorted(set().union(*fields.values()) - fields[default.algo]):
-            option = f"--{part}.{field.replace('_', '-')}"
-            value = _option([argument.replace("_", "-") for argument in arguments], option)
-            if value is not None:
-                others = [algo for algo in fields if field in fields[algo]]
-                raise UserError(
-                    f"{option} is {value}, but {default.algo} has no such option: leave it out, or give --algo "
-                    + " or ".join(others)
-                )
+    for argument in arguments:
+        option = argument.partition("=")[0]
+        part, _, name = option.removeprefix("--").partition(".")
+        if not option.startswith("--") or part not in ("agent", "hyper"):
+            continue
+        field = name.replace("-", "_")
+        having = [
+            other
+            for other, (_, config) in ALGORITHMS.items()
+            if {field, field.removeprefix("no_")} & {f.name for f in dataclasses.fields(getattr(config(), part))}
+        ]
+        if having and algo not in having:
+            raise UserError(f"{option}: {algo} has no such option; leave it out, or give --algo {' or '.join(having)}")
 
 
 @dataclasses.dataclass(frozen=True)
