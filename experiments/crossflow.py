@@ -136,6 +136,8 @@ def study(options):
     result = {"command": f"python experiments/{PROGRAM}.py", **identity, "rows": {}}
     result["rows"] = rows = scene_study.stored(path, identity, "rows", {})
     for name, found in rows.items():
+        if name not in (PLANNER, *VARIANTS):
+            raise UserError(f"{path} holds {name!r}, which is no variant: move it away")
         changed = differences(found["config"], identity_of(name, options.steps))
         if changed:
             raise UserError(f"{path} tried another {name} ({', '.join(changed)} differ): move it away")

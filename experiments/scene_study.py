@@ -99,8 +99,10 @@ def stored(path, identity, field, empty):
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
     if changed:
+        more = f" and {len(changed) - 5} more" if len(changed) > 5 else ""
         raise UserError(
-            f"{path} is of another configuration ({', '.join(changed)} differ): give another --out, or move it away"
+            f"{path} is of another configuration ({', '.join(changed[:5])}{more} differ): give another --out, "
+            "or move it away"
         )
     return found
 

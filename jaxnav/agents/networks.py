@@ -12,7 +12,7 @@ from ..world.types import MESSAGES, REPLIES, REQUESTS
 
 LOG_STD_RANGE = (-5.0, 0.0)
 _SECTORS = 12
-_TOP_SPEED = 0.6  # of `Params`, m/s: other robots are judged by it, too
+_TOP_SPEED = 0.6  # that of the default `Params`, m/s
 _HORIZON = 6.0  # s
 
 
@@ -91,11 +91,11 @@ def pedestrian_features(observation, heard):
 
 
 def approach_features(observation):
-    """`[..., K, 12]` when and how near each pedestrian comes to the robot, of order 1.
+    """`[..., K, 12]` when and how near each pedestrian comes to the robot, of order 1; 0 of who is not in sight.
 
-    For four ways in which the robot may go on straight: as now, at top speed ahead, at top speed to the goal, and
-    standing. Of each the time of the closest approach within 6 s, the distance of the centres then, and
-    exp(-time / 2 - 3 max(distance - 0.3, 0)): at 0.3 m they nearly touch.
+    For four ways in which the robot may go on straight: as now, at 0.6 m/s ahead, at 0.6 m/s to the goal, and standing.
+    Of each the time of the closest approach within 6 s, the distance of the centres then, and
+    exp(-time / 2 - 3 max(distance - 0.3, 0)): at 0.3 m they nearly touch. Who recedes is nearest now.
     """
     x, y, vx, vy = jnp.moveaxis(observation.pedestrians, -1, 0)
     speed, goal = observation.twist[..., :1], observation.pose[..., 2, :]
@@ -107,7 +107,7 @@ def approach_features(observation):
         distance = norm(x + time * relative_x, y + time * relative_y)
         danger = jnp.exp(-0.5 * time - 3.0 * jnp.maximum(distance - 0.3, 0.0))
         features += [time / 4, jnp.minimum(distance, 2.0) / 2, danger]
-    return jnp.stack(features, axis=-1)
+    return jnp.stack(features, axis=-1) * observation.seen[..., None]
 
 
 def dialogue_features(dialogue, heard):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from flax import linen as nn
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxnav import Params, World, WorldConfig
@@ -112,15 +112,14 @@ def test_rows_of_nobody_do_not_count(encoder, observations):
 finite = st.floats(-5.0, 5.0, width=32)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.tuples(finite, finite), st.tuples(finite, finite), st.tuples(finite, finite), st.floats(0.0, 0.6))
 def test_the_closest_approach_is_that_of_two_who_are_driven_there(place, velocity, goal, speed):
     """Against both moved along in steps of 6 ms, for each of the robot's four ways to go on."""
     pose = jnp.zeros((3, 3)).at[2, :2].set(jnp.array(goal))
     person = jnp.array([[*place, *np.divide(velocity, 5)]], jnp.float32)
-    observation = SimpleNamespace(pedestrians=person, pose=pose, twist=jnp.array([speed, 0.3]))
+    observation = SimpleNamespace(pedestrians=person, pose=pose, twist=jnp.array([speed, 0.3]), seen=jnp.ones(1, bool))
     found = np.asarray(approach_features(observation), np.float64).reshape(4, 3)
-    to_goal = np.array(goal) / max(np.hypot(*goal), 1e-9)
+    to_goal = np.array(goal) / max(np.hypot(*goal), 1e-6)
     t = np.linspace(0.0, 6.0, 1001)[:, None]
     for row, own in zip(found, ([speed, 0.0], [0.6, 0.0], 0.6 * to_goal, [0.0, 0.0]), strict=True):
         gap = np.hypot(*(np.array(place) + t * (np.array(velocity) / 5 - np.array(own))).T)
@@ -130,6 +129,16 @@ def test_the_closest_approach_is_that_of_two_who_are_driven_there(place, velocit
         assert np.interp(time, t[:, 0], gap) == pytest.approx(nearest, abs=1e-2)
         danger = np.exp(-0.5 * time - 3 * max(nearest - 0.3, 0.0))
         assert row[2] == pytest.approx(danger, abs=3e-2)
+
+
+def test_who_is_not_in_sight_approaches_nobody():
+    observation = SimpleNamespace(
+        pedestrians=jnp.zeros((2, 3, 4)), pose=jnp.zeros((2, 3, 3)), twist=jnp.full((2, 2), 0.5),
+        seen=jnp.array([[False, True, False]] * 2),
+    )  # fmt: skip
+    features = np.asarray(approach_features(observation))
+    assert features.shape == (2, 3, 12) and (features[:, [0, 2]] == 0).all()
+    np.testing.assert_allclose(features[:, 1], np.tile([0.0, 0.0, 1.0], (2, 4)), atol=1e-5)  # where the robot is
 
 
 @pytest.mark.parametrize("encoder", ENCODERS)

@@ -89,6 +89,7 @@ def test_each_variant_is_trained_once_and_compared_over_the_same_episodes(tmp_pa
     [
         (lambda result: result["rows"]["eight"]["config"]["world"].update(nearest=3), "eight (world.nearest"),
         (lambda result: result["rows"]["planner"]["config"]["params"].update(max_v=9), "planner (params.max_v"),
+        (lambda result: result["rows"].update(old=result["rows"]["eight"]), "'old', which is no variant"),
         (lambda result: result.update(seeds=3), "seeds differ"),
     ],
 )
