@@ -70,9 +70,7 @@ class Options:
         scene_study.check_numbers(self, limits)
         if self.steps % cells.REPORTED:
             raise UserError(f"--steps is {self.steps}: give a multiple of {cells.REPORTED}")
-        for name in self.variants:
-            if name not in VARIANTS:
-                raise UserError(f"--variants names {name!r}: choose from {', '.join(VARIANTS)}")
+        scene_study.check_names(self.variants, "--variants", VARIANTS)
 
 
 def configuration(name, steps):

@@ -20,10 +20,15 @@ RESULTS = pathlib.Path(__file__).parent / "results"
 
 def check_options(options, limits):
     """UserError if ``options`` names an unknown scene or one of its numbers is out of ``limits``: name, least, most."""
-    for name in options.scenes:
-        if name not in SCENES:
-            raise UserError(f"--scenes names {name!r}: choose from {', '.join(SCENES)}")
+    check_names(options.scenes, "--scenes", SCENES)
     check_numbers(options, limits)
+
+
+def check_names(names, option, known):
+    """UserError if one of the ``names`` that an option gives is unknown."""
+    for name in names:
+        if name not in known:
+            raise UserError(f"{option} names {name!r}: choose from {', '.join(known)}")
 
 
 def check_numbers(options, limits):

@@ -72,9 +72,7 @@ class Options:
             if getattr(self, name) % EVERY:
                 option = f"--{name.replace('_', '-')}"
                 raise UserError(f"{option} is {getattr(self, name)}: give a multiple of {EVERY}")
-        for name in self.tricks:
-            if name not in TRICKS:
-                raise UserError(f"--tricks names {name!r}: choose from {', '.join(TRICKS)}")
+        scene_study.check_names(self.tricks, "--tricks", TRICKS)
 
 
 def configuration(name, scenes, steps):

@@ -17,8 +17,9 @@ from ..language.vocabulary import vocabulary
 from ..world import Action
 from ..world.types import MESSAGES
 from .distributions import BINS, code_log_probabilities, entropy, histogram, sample_twist
+from .layers import NORMS
 from .learner import ADAM, Batch, ReplayConfig, descend
-from .networks import NORMS, Actor, TwinCritic, message_codes, spoken_words
+from .networks import Actor, TwinCritic, message_codes, spoken_words
 
 LANGUAGES = ("phrases", "codes")
 HEADS = ("shared", "per-code")

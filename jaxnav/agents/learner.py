@@ -23,7 +23,7 @@ import optax
 
 from ..world import Action, Snapshot
 from ..world.types import NONE
-from .networks import ENCODERS
+from .encoders import ENCODERS
 
 
 @dataclasses.dataclass(frozen=True)

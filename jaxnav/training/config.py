@@ -6,8 +6,8 @@ import numpy as np
 
 from .. import maps
 from ..agents.a2c import A2C, A2CConfig
+from ..agents.encoders import PARTS
 from ..agents.hsac import HSAC, HSACConfig, Hyperparameters
-from ..agents.networks import PARTS
 from ..agents.ppo import PPO, PPOConfig, PPOHyperparameters, RolloutConfig
 from ..agents.td3 import TD3, TD3Config, TD3Hyperparameters
 from ..errors import UserError

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxnav import Params, World, WorldConfig
-from jaxnav.agents.networks import ENCODERS, PARTS, GridEncoder, approach_features, message_codes
+from jaxnav.agents.encoders import ENCODERS, PARTS, GridEncoder, approach_features
+from jaxnav.agents.networks import message_codes
 from jaxnav.training.config import ALGORITHMS, TrainConfig, make_agent, preset, resolve
 from jaxnav.training.loop import Trainer
 

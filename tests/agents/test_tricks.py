@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from jaxnav.agents.distributions import BINS, histogram
 from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
-from jaxnav.agents.networks import BatchNorm
+from jaxnav.agents.layers import BatchNorm
 
 HYPER = Hyperparameters()
 
