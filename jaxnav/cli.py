@@ -1,4 +1,4 @@
-"""The command line: jaxnav train | evaluate | render | talk | understand | language."""
+"""The command line: jaxnav train | evaluate | render | export | talk | understand | language."""
 
 import time
 
@@ -23,9 +23,10 @@ _HELP = """jaxnav: a 2D world of pedestrians, and a robot in it that learns to s
 
 usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
 
-  train            train a robot, evaluate it and draw it; without options: the quick preset, CPU minutes
+  train            train a robot, evaluate, draw and export it; without options: the quick preset, CPU minutes
   evaluate RUN     play a run's policy again: more episodes, other seeds
   render RUN       draw a run's pictures again
+  export RUN       write a run's policy as a folder for a robot: torch and numpy, no JAX
   talk RUN         speak for a pedestrian while a run's robot drives, and see what it understands, does and says
   understand       what sentences mean to a run's policy
   language build   embed the phrases anew, after phrases.csv was changed
@@ -37,6 +38,8 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   jaxnav train --scene map.yaml --out runs/mine    your own building, a ROS map
   jaxnav train --resume --out runs/quick-0         go on after an interruption
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
+  jaxnav export runs/quick-0 --onnx
+  jaxnav export --verify runs/quick-0/bundle
   jaxnav talk runs/quick-0 --scene hallway
   jaxnav understand --run runs/quick-0 "I'm in a hurry" "Watch out on your right!"
 """
@@ -46,8 +49,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point of the console script. Exits with 2 after an error that the user can mend."""
     arguments = sys.argv[1:] if arguments is None else arguments
     commands = {
-        "train": _train, "evaluate": _evaluate, "render": _render, "talk": _talk, "understand": _understand,
-        "language": _language,
+        "train": _train, "evaluate": _evaluate, "render": _render, "export": _export, "talk": _talk,
+        "understand": _understand, "language": _language,
     }  # fmt: skip
     if not arguments or arguments[0] in ("-h", "--help"):
         print(_HELP, end="")
@@ -78,6 +81,7 @@ def _fail(message):
 
 
 def _train(arguments):
+    from .cli_export import write
     from .training.config import preset, resolve, scene_names
     from .training.run import Interrupted, Run
 
@@ -108,7 +112,12 @@ def _train(arguments):
     print_result(Console(), result)
     with console.status("drawing"):
         _draw(run, actor, config.seed)
-    names = ("evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl", "config.json")
+    with console.status("exporting"):
+        write(run, actor, "last", run.folder / "bundle")
+    names = (
+        "bundle/", "evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl",
+        "config.json",
+    )  # fmt: skip
     Console(markup=False, highlight=False).print(
         f"trained in {run.metrics()[-1]['wall_seconds']:.0f} s; everything is in {run.folder}/: {', '.join(names)}",
         soft_wrap=True,
@@ -212,6 +221,12 @@ def _render(arguments):
     with Console(stderr=True).status("drawing"):
         paths = _draw(run, actor, options.seed)
     print("\n".join(str(path) for path in paths))
+
+
+def _export(arguments):
+    from .cli_export import export
+
+    export(arguments)
 
 
 def _talk(arguments):

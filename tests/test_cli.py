@@ -72,8 +72,8 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["trian"], ["'trian'", "train, evaluate, render"]),
-        (["--seed", 1], ["'--seed'", "train, evaluate, render"]),
+        (["trian"], ["'trian'", "train, evaluate, render, export"]),
+        (["--seed", 1], ["'--seed'", "train, evaluate, render, export"]),
         (["train", "--preset", "fast"], ["preset", "'fast'", "quick, robust, lidar, grid"]),
         (["train", "--preset=fast"], ["preset", "'fast'", "quick, robust, lidar, grid"]),
         (["train", "--scene", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
@@ -182,7 +182,7 @@ def test_training_fills_its_folder_and_says_so(trained):
     folder, done = trained
     names = {
         "config.json", "metrics.jsonl", "checkpoints", "evaluation.json", "trajectories.png", "episode.gif",
-        "learning_curve.png",
+        "learning_curve.png", "bundle",
     }  # fmt: skip
     assert {path.name for path in folder.iterdir()} == names
     assert str(folder) in done.stdout.splitlines()[-1]
@@ -302,7 +302,40 @@ def test_there_has_to_be_a_run_to_resume(capsys, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", ["evaluate", "render"])
+def test_export_writes_a_bundle_that_verifies(capsys, trained, tmp_path):
+    """The one that training wrote is the same; the policy that did best is another one."""
+    folder, _ = trained
+    cli.main(["export", str(folder), "--out", str(tmp_path / "last")])
+    assert f"{tmp_path / 'last'}: " in capsys.readouterr().out
+    assert content(tmp_path / "last") == content(folder / "bundle")
+    cli.main(["export", "--verify", str(tmp_path / "last")])
+    assert "is whole; selftest passed, 128 recorded inputs" in capsys.readouterr().out
+    origin = json.loads((folder / "bundle" / "contract.json").read_text())["origin"]
+    stored = json.loads((folder / "config.json").read_text())
+    assert origin["run"] == "run" and origin["policy"] == "last" and origin["git_commit"] == stored["git_commit"]
+    assert origin["evaluation"] == json.loads((folder / "evaluation.json").read_text())
+    assert origin["config"]["train"] == stored["config"]["train"]
+    said = fails(capsys, "export", folder, "--out", tmp_path / "last")
+    assert "already holds a bundle: give another --out" in said
+
+
+def test_what_can_be_wrong_about_an_export_is_one_line(capsys, trained, tmp_path):
+    folder, _ = trained
+    assert "no run is given: jaxnav export RUN" in fails(capsys, "export")
+    assert "give it alone" in fails(capsys, "export", folder, "--verify", folder / "bundle")
+    assert "holds no bundle" in fails(capsys, "export", "--verify", tmp_path)
+    assert "holds no run" in fails(capsys, "export", tmp_path)
+    assert "'worst'" in fails(capsys, "export", folder, "--policy", "worst")
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    shutil.copy(folder / "config.json", bare)
+    assert "holds no checkpoint" in fails(capsys, "export", bare)
+    out = tmp_path / "out"
+    assert "can't be run" in fails(capsys, "export", folder, "--out", out, "--torchscript", tmp_path / "python")
+    assert not out.exists() and sorted(path.name for path in tmp_path.iterdir()) == ["bare"]
+
+
+@pytest.mark.parametrize("command", ["evaluate", "render", "export"])
 def test_a_damaged_checkpoint_is_one_line(jaxnav, trained, tmp_path, command):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder)

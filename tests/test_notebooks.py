@@ -12,6 +12,9 @@ NOTEBOOKS = sorted((pathlib.Path(__file__).parent.parent / "notebooks").glob("*.
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs(path):
     notebook = nbformat.read(path, as_version=4)
+    for cell in notebook.cells:  # it shows as much after a third of its training
+        cell.source = cell.source.replace("total_steps=300", "total_steps=100")
+    assert any("total_steps=100" in cell.source for cell in notebook.cells)
     NotebookClient(
         notebook, timeout=400, kernel_name="python3", resources={"metadata": {"path": path.parent}}
     ).execute()

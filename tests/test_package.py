@@ -27,6 +27,7 @@ ROOMS = (
     "terminal",
     "command",
     "cli_language",
+    "cli_export",
     "cli",
 )
 

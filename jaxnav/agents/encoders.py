@@ -11,7 +11,7 @@ from ..world.geometry import closest_approach, norm, unit
 from ..world.types import REPLIES, REQUESTS
 from .layers import MLP
 
-_SECTORS = 12
+SECTORS = 12
 _TOP_SPEED = 0.6  # that of the default `Params`, m/s
 _HORIZON = 6.0  # s
 
@@ -106,7 +106,7 @@ class LidarEncoder(nn.Module):
     @nn.compact
     def __call__(self, observation, heard):
         ranges = observation.scan
-        sectors = jnp.array_split(ranges, min(_SECTORS, ranges.shape[-1]), axis=-1)
+        sectors = jnp.array_split(ranges, min(SECTORS, ranges.shape[-1]), axis=-1)
         nearest = jnp.stack([sector.min(axis=-1) for sector in sectors], axis=-1)
         echoes = jnp.concatenate([jnp.exp(-0.5 * ranges), jnp.exp(-4.0 * nearest)], axis=-1)
         scan = MLP([self.scan_width], self.norm)(echoes)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ..errors import UserError
 from ..world.types import LEFT, MESSAGES, REPLIES, RIGHT
-from .sides import LONGEST, clean, without_side
+from .sides import LONGEST, clean, key_of, without_side
 
 PHRASES = pathlib.Path(__file__).parent / "phrases.csv"
 KINDS = (
@@ -31,11 +31,6 @@ class Phrase(NamedTuple):
     reply: int
     pattern: str
     split: str
-
-
-def key_of(text):
-    """What makes two phrases the same: neither case nor white space."""
-    return clean(text).casefold()
 
 
 def read_phrases(path=PHRASES):

@@ -3,6 +3,8 @@
 "Go left" and "go right" differ in one word, and a sentence encoder puts them next to each other (cosine 0.88). So the
 encoder never sees which side it is: a sentence whose first side is left is mirrored before it is embedded, and the side
 travels beside the vector as a number. What is learnt about one side then holds for the other, exactly.
+
+Written for Python 3.6: this file travels in the bundle of an exported policy.
 """
 
 import re
@@ -25,10 +27,15 @@ def clean(text):
     return " ".join(text.replace("\u2019", "'").split())[:LONGEST]
 
 
+def key_of(text):
+    """What makes two phrases the same: neither case nor white space."""
+    return clean(text).casefold()
+
+
 def has_words(text):
     """Whether at least half of its letters and digits are Latin: an emoji, "..." or Cyrillic says nothing to us."""
     letters = [c for c in text if c.isalnum()]
-    return 2 * sum(c.isascii() for c in letters) >= len(letters) > 0
+    return 2 * sum(c < "\x80" for c in letters) >= len(letters) > 0
 
 
 def without_side(text):

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import UserError, remedy
 from .encoders import ENCODERS, MiniLM
-from .phrases import hash_of, key_of, read_phrases
-from .sides import has_words, without_side
+from .phrases import hash_of, read_phrases
+from .sides import has_words, key_of, without_side
 
 EMBEDDINGS = pathlib.Path(__file__).parent / "embeddings.npz"
 DIMENSIONS = 184

@@ -73,6 +73,7 @@ class Run:
         self.agent = make_agent(config)
         self.trainer = Trainer(self.world, self.agent, self.params, config.train, config.world.randomise)
         self.evaluator = Evaluator(self.world, self.agent, self.params)
+        self._policy = make_policy(self.agent)  # once: what is compiled for it then serves every recording
         self._hyper = jax.tree.map(jnp.float32, config.hyper)
         compared = to_json(config)
         for *path, name in (field.split(".") for field in _FREE_FIELDS):
@@ -205,9 +206,8 @@ class Run:
         """Recorded evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
         keys = episode_keys(seed, jnp.asarray(episodes))
         limit = math.ceil(float(self.params.max_steps))
-        policy = make_policy(self.agent)
         policy_params = actor, True, self.agent.spoken("test")  # as in an evaluation
-        return record(self.world, self.params, policy, policy_params, keys, jnp.asarray(scenes), limit)
+        return record(self.world, self.params, self._policy, policy_params, keys, jnp.asarray(scenes), limit)
 
     def metrics(self):
         """The lines of metrics.jsonl; one that a kill cut off at the end is left out."""

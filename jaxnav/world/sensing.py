@@ -1,5 +1,7 @@
 """What the robot senses, as a pure function of a `Snapshot`: pose history, scan, pedestrians, dialogue, grid maps."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,11 +13,11 @@ from .types import NONE, Observation, ObservedDialogue, View
 
 GRID = 48
 CELL = 0.125  # metres; the map spans 6 x 6 m with the robot at its centre
-_UNKNOWN, _ROBOT = 200 / 255, 100 / 255
-_MAP_BODY_RADIUS = 0.3
+UNKNOWN, ROBOT = 200 / 255, 100 / 255
+MAP_BODY_RADIUS = 0.3
 
 
-def _cells():
+def cell_centres():
     """Centres of the grid cells `[48]`: x by row, ahead first; y by column, left first."""
     return (((GRID - 1) / 2 - np.arange(GRID)) * CELL).astype(np.float32)
 
@@ -124,34 +126,50 @@ def _dialogue(seen, config):
     return ObservedDialogue(utterance=utterance, **{name: leaf.astype(jnp.int32) for name, leaf in fields.items()})
 
 
+class SensorTables(NamedTuple):
+    """What turns a scan into a `sensor_map`: of every cell `[24, 48]` in front of the robot (behind it nothing is
+    measured) the beam nearest to its centre, and from which range to which that ends in the cell; and of every cell
+    `[48, 48]` how far away it is."""
+
+    beam: np.ndarray
+    nearest: np.ndarray
+    farthest: np.ndarray
+    distance: np.ndarray
+
+
+def sensor_tables(beams):
+    """The `SensorTables` of a scan of that many beams."""
+    x, y = np.meshgrid(cell_centres(), cell_centres(), indexing="ij")
+    distance, angle = np.hypot(x, y), np.arctan2(y, x)
+    beam = np.rint((angle + np.pi / 2) / np.pi * (beams - 1)).astype(int)
+    half = CELL / 2 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))
+    ahead = slice(GRID // 2)
+    return SensorTables(beam[ahead], (distance - half)[ahead], (distance + half)[ahead], distance)
+
+
 def sensor_map(scan, params):
     """`[48, 48]` map of a scan: free 1, hit 0, unknown or behind a hit 200 / 255, the robot itself 100 / 255.
 
     Each cell is judged by the beam nearest to its centre: hit where the range ends within the cell.
     """
-    x, y = np.meshgrid(_cells(), _cells(), indexing="ij")
-    distance, angle = np.hypot(x, y), np.arctan2(y, x)
-    beam = np.rint((angle + np.pi / 2) / np.pi * (scan.shape[0] - 1)).astype(int)
-    ahead = GRID // 2  # rows in front of the robot: behind it nothing is measured
-    half = CELL / 2 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))
+    tables = sensor_tables(scan.shape[0])
     # A product with a constant of zeros and ones picks the beams faster than a gather of 1,152 numbers.
-    pick = np.zeros((scan.shape[0], ahead * GRID), np.float32)
-    pick[beam[:ahead].ravel(), np.arange(ahead * GRID)] = 1.0
-    ranges = jnp.dot(scan, pick, precision="highest").reshape(ahead, GRID)
-    nearer, farther = ranges < (distance - half)[:ahead], ranges > (distance + half)[:ahead]
-    front = jnp.where(nearer, _UNKNOWN, jnp.where(farther, 1.0, 0.0))
-    whole = jnp.concatenate([front, jnp.full((GRID - ahead, GRID), _UNKNOWN)])
-    return jnp.where(distance <= params.robot_radius, _ROBOT, whole)
+    pick = np.zeros((scan.shape[0], tables.beam.size), np.float32)
+    pick[tables.beam.ravel(), np.arange(tables.beam.size)] = 1.0
+    ranges = jnp.dot(scan, pick, precision="highest").reshape(tables.beam.shape)
+    front = jnp.where(ranges < tables.nearest, UNKNOWN, jnp.where(ranges > tables.farthest, 1.0, 0.0))
+    whole = jnp.concatenate([front, jnp.full((GRID - GRID // 2, GRID), UNKNOWN)])
+    return jnp.where(tables.distance <= params.robot_radius, ROBOT, whole)
 
 
 def pedestrian_map(listed, in_sight):
     """`[3, 48, 48]` occupancy, vx, vy of those ``listed`` `[K, 4]`, in sight and within 3 m; the nearest on top."""
-    cells = _cells()
+    cells = cell_centres()
     channels = jnp.zeros((3, GRID, GRID))
     for k in reversed(range(listed.shape[0])):
         x, y, vx, vy = listed[k]
         inside = in_sight[k] & (jnp.abs(x) <= 3.0) & (jnp.abs(y) <= 3.0)
-        covered = ((cells - x) ** 2)[:, None] + ((cells - y) ** 2)[None, :] <= _MAP_BODY_RADIUS**2
+        covered = ((cells - x) ** 2)[:, None] + ((cells - y) ** 2)[None, :] <= MAP_BODY_RADIUS**2
         disc = jnp.stack([jnp.float32(1.0), vx, vy])[:, None, None]
         channels = jnp.where(covered & inside, disc, channels)
     return channels

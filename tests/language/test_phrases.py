@@ -7,7 +7,8 @@ import re
 import pytest
 
 from jaxnav.errors import UserError
-from jaxnav.language.phrases import KINDS, PHRASES, SPLITS, key_of, read_phrases
+from jaxnav.language.phrases import KINDS, PHRASES, SPLITS, read_phrases
+from jaxnav.language.sides import key_of
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT, STOP
 
 phrases = read_phrases()

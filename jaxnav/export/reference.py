@@ -1,0 +1,82 @@
+"""What the JAX policy of a run takes and gives, by the names of a contract: what an exported one has to equal."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..agents.distributions import code_log_probabilities
+from ..agents.networks import message_codes, spoken_words
+from ..world import SCENES, World
+from ..world.robot import twist_from_action
+from ..world.types import REPLIES
+from .contract import RAW_PARTS, TALK, codes_of, raw_inputs
+
+_EPISODES = 14  # of each scene: as many as are drawn, so that one compiled program serves both
+
+
+class Reference:
+    """The policy ``actor`` of a run; people speak test phrases."""
+
+    def __init__(self, run, actor):
+        self._run, self._actor = run, actor
+        config = dataclasses.replace(run.world.config, observation=RAW_PARTS)
+        self._raw = World(config, [scene for scene in run.world.scenes if scene.name not in SCENES])
+        self._both = jax.jit(lambda *given: (self._inputs(*given[1:]), self._outputs(*given)))
+
+    def play(self, seed, episodes=_EPISODES):
+        """`Episode` s of the policy, that many in each scene."""
+        scenes = np.repeat(np.arange(len(self._run.world.scenes)), episodes)
+        indices = np.tile(np.arange(episodes), len(self._run.world.scenes))
+        return self._run.record(self._actor, seed, scenes, indices)
+
+    def sample(self, episodes, count, seed):
+        """(inputs, outputs) `[count, ...]` by name in ``count`` states drawn from ``episodes``.
+
+        In one state of four no code may be spoken, as between two beats of a robot.
+        """
+        states = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(episode.states for episode in episodes))
+        rng = np.random.default_rng(seed)
+        total = len(states.t)
+        rows = np.sort(rng.choice(total, count, replace=count > total))
+        return self.both(jax.tree.map(lambda leaf: leaf[rows], states), rng.random(count) < 0.75)
+
+    def both(self, states, voice):
+        """(inputs, outputs) `[n, ...]` by name in states `[n]`; voice: `[n]` whether a code may be spoken."""
+        spoken = self._run.agent.spoken("test")
+        inputs, outputs = jax.device_get(self._both(self._actor, spoken, states, voice))
+        return {name: inputs[name] for name in raw_inputs(self._run)}, outputs
+
+    def _inputs(self, spoken, states, voice):
+        seen = jax.vmap(self._raw.observe, in_axes=(0, None))(states, self._run.params)
+        talk: Any = seen.dialogue
+        given = {name: getattr(talk, name) for name in (*TALK, "message")}
+        given |= {"is_open": talk.is_open != 0, "pedestrian_first": talk.pedestrian_first != 0}
+        given |= {name: getattr(seen, name) for name in ("scan", "pedestrians", "seen", "pose", "twist", "may_request")}
+        given |= {"voice": voice, "spoken": talk.utterance != 0}
+        if spoken is not None:
+            given["words"] = spoken_words(talk, spoken)
+        return given
+
+    def _outputs(self, actor, spoken, states, voice):
+        agent = self._run.agent
+        observation = jax.vmap(self._run.world.observe, in_axes=(0, None))(states, self._run.params)
+        action = jax.vmap(agent.best_action, in_axes=(None, 0, 0, None))(actor, observation, voice, spoken)
+        v, w = jax.vmap(twist_from_action, in_axes=(0, None))(action.twist, self._run.params)
+        log_p, heard, answer = self._words(actor, spoken, observation, voice)
+        return {"v": v, "w": w, "code": action.code, "log_p": log_p, "heard": heard, "answer": answer}
+
+    def _words(self, actor, spoken, observation, voice) -> Any:
+        agent = self._run.agent
+        heard = message_codes(observation.dialogue)
+        answer = jnp.broadcast_to(jax.nn.one_hot(0, len(REPLIES)), (*heard.shape[:-1], len(REPLIES)))
+        if spoken is not None:
+            words = spoken_words(observation.dialogue, spoken)
+            heard = agent.actor.apply(actor, words, method="listen")
+            answer = jnp.exp(agent.understand(actor, words)[1])
+        if codes_of(agent) == 1:
+            return jnp.zeros((heard.shape[0], 1)), heard, answer
+        _, _, logits = agent.actor.apply(actor, observation, heard, method="act")
+        return code_log_probabilities(logits, observation.may_request & voice), heard, answer
