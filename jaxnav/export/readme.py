@@ -24,6 +24,8 @@ def _facts(contract):
         "summary": f"{encoder}, {'hears sentences' if hears else 'hears codes' if contract['hearing'] else 'deaf'}, "
         f"{'asks people' if asks else 'says nothing'}",
         "talks": f", and may ask them to give way ({', '.join(asks)})" if asks else "",
+        "scenes": ", ".join(contract["origin"]["config"]["world"]["scenes"]),
+        "gap": f"{100 * safety['gap']:g}", "gap_fast": f"{100 * safety['gap_at_full_speed']:g}",
         "period": f"{control['period']:g}", "timeout": f"{safety['timeout']:g}",
         "message": heard,
         "radius": f"{contract['robot']['radius']:g}", "deceleration": f"{safety['deceleration']:g}",
@@ -43,9 +45,14 @@ def _words(contract):
         "book = Phrasebook()",
         "vector = book.look_up(\"I'm in a hurry\")  # None if it isn't known, zeros if it says nothing",
         "```",
+        "Capitals and punctuation don't matter. `None` is no sentence that it knows: give `step` the message "
+        '`"unknown"` then, and the robot asks to repeat. Asked to stop, it stands for 8 s at most, but for who walks '
+        "straight into it then: from their way it steers aside first. Don't let it listen to itself while it speaks.",
+        "",
         f"Any other sentence needs the sentence encoder `{language['sentence_encoder']}` ({language['features']} "
-        "numbers, in a process of its own, never in the control loop): `sentence, side = book.to_embed(text)`, then "
-        "`book.vector(features_of(sentence), side)`. Give `step` the vector once, when it was said, as `message`.",
+        "numbers; from PyPI, Python 3.8 or newer, in a process of its own, never in the control loop): "
+        "`sentence, side = book.to_embed(text)`, then `book.vector(features_of(sentence), side)`. Give `step` the "
+        "vector once, when it was said, as `message`.",
         "",
     ]
 

@@ -1,11 +1,13 @@
 """The folder: what is in it, that it is whole or not there, and that every change of it shows."""
 
 import json
+import math
 import os
 import re
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -56,8 +58,28 @@ def test_its_readme_can_be_followed(copy):
     assert len(lines) == 5 and all(re.match(r"0\.\d\d m/s [+-]0\.\d\d rad/s code [0-3] ", line) for line in lines)
     # What it says of words.
     code = readme.split("## 4. Words")[1].split("```python\n")[1].split("```")[0]
-    done = run(copy, "-c", ALONE + code + "print(vector.shape, book.look_up('it is not known') is None)")
-    assert done.stdout == "(185,) True\n", done.stderr
+    code += """
+print(vector.shape, book.look_up("it is not known"), book.look_up("im in a HURRY"))
+print((book.look_up("STOP robot") == book.look_up("Stop, robot!")).all())
+"""
+    done = run(copy, "-c", ALONE + code)
+    assert done.stdout == "(185,) None None\nTrue\n", done.stderr
+    # What it says of a node, on messages as rospy's.
+    names = {}
+    exec(re.search(r"<!-- node -->\n```python\n(.*?)```", readme, re.DOTALL)[1], names)
+    stamp = SimpleNamespace(to_sec=lambda: 9.5)
+    turned = SimpleNamespace(x=0.0, y=0.0, z=math.sin(0.4), w=math.cos(0.4))
+    where = SimpleNamespace(pose=SimpleNamespace(position=SimpleNamespace(x=1.0, y=2.0), orientation=turned))
+    odometry, scan = (SimpleNamespace(header=SimpleNamespace(stamp=stamp), pose=where) for _ in range(2))
+    given = []
+    driver = SimpleNamespace(step=lambda *arguments: given.append(arguments) or (0.5, 0.1, 2, "Hello!"))
+    latest = {"scan": scan, "odom": odometry, "people": [], "message": "a vector"}
+    assert names["drive"](driver, latest, 10.0) == (0.0, 0.0, "")
+    assert names["drive"](driver, latest | {"people_stamp": 9.0}, 10.0) == (0.5, 0.1, "Hello!")
+    assert given == [(scan, [], pytest.approx((1.0, 2.0, 0.8)), "a vector", 9.0, 10.0)]
+    # A robot at (3, 4) of the map, heading north, has driven 2 m ahead and turned to the left a little.
+    found = names["in_map"]((3.0, 4.0, math.pi / 2), (1.0, 1.0, 0.0), (3.0, 1.0, 0.2))
+    assert found == pytest.approx((3.0, 6.0, math.pi / 2 + 0.2))
     for name in re.findall(r"`(\w+\.py)`", readme):
         assert (copy / name).exists()
 

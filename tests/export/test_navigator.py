@@ -240,7 +240,7 @@ STOPS = {
     "miscounted": ({"ranges": EMPTY, "angle_max": 1.0}, "not as many as from angle_min to angle_max"),
     "degrees": ({"ranges": EMPTY, "angle_min": -90.0}, "no angle in rad"),
     "twice around": ({"ranges": np.tile(EMPTY, 5)}, "more than once around"),
-    "a word": ({"message": "stop!"}, "no vector of 185"),
+    "a word": ({"message": "stop!"}, "give what Phrasebook().look_up(text) returns"),
     "short vector": ({"message": np.ones(184)}, "no vector of 185"),
     "nan vector": ({"message": np.full(185, np.nan)}, "no vector of 185"),
 }
@@ -338,6 +338,36 @@ def test_what_is_said_while_it_can_not_hear_is_heard_later(drive):
     assert navigator.step(None, somebody, (0.0, 0.0, 0.0), vector, now=0.0).utterance == ""
     said = navigator.step(scan, somebody, (0.0, 0.0, 0.0), now=0.1).utterance
     assert said in navigator.contract["sentences"]["acknowledge"]["robot stop"]
+
+
+def test_it_stands_for_who_asks_it_to(drive):
+    """For eight seconds; not in the way of who walks straight into it, whom it steers around."""
+    for people, stands in (([[2.0, 1.0, -0.5, 0.0]], True), ([[2.0, 0.1, -0.5, 0.0]], False), ([[2.0, 0, 0, 0]], True)):
+        navigator, scan, _ = drive()
+        navigator.policy.understand = lambda words: (np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+        command = navigator.step(scan, people, (0.0, 0.0, 0.0), np.full(185, 0.1), now=0.0)
+        assert (command[:2] == (0.0, 0.0)) == stands and command.utterance
+        assert ("asked it to stop" in navigator.reason) == stands
+    speeds = [navigator.step(scan._replace(), people, (0.0, 0.0, 0.0), now=0.4 * i).v for i in range(1, 25)]
+    assert max(speeds[:18]) == 0.0 and min(speeds[20:]) > 0.0
+
+
+def test_what_nobody_understood_is_asked_again(drive):
+    navigator, scan, _ = drive()
+    act = navigator.policy.act
+    navigator.policy.act = lambda observation: act(observation)._replace(code=0)
+    said = navigator.step(scan, [[2.0, 0.0, -0.5, 0.0]], (0.0, 0.0, 0.0), "unknown", now=0.0)
+    assert said.utterance in navigator.contract["sentences"]["repeat"] and said.v > 0
+
+
+def test_the_blind_zone_of_a_laser_is_kept_away(drive):
+    """range_min of a laser in front of the middle."""
+    _, _, modules = drive()
+    navigator, _, _ = drive(mount=modules.scans.Mount(x=0.1))
+    ranges = np.full(181, 0.33)
+    for nearest, free in ((0.01, True), (0.3, False)):
+        scan = SimpleNamespace(ranges=ranges, angle_min=-np.pi / 2, angle_increment=np.pi / 180, range_min=nearest)
+        assert (navigator.step(scan, [], (0.0, 0.0, 0.0)).v > 0.02) == free
 
 
 def test_a_deaf_policy_is_given_no_words(drive):

@@ -83,6 +83,16 @@ def test_old_scans_are_taken_for_old(layer, age, period):
     assert 0.0 < gap < 0.1
 
 
+def test_what_a_laser_can_not_see_is_kept_away(layer):
+    """A wall that is nearer than it can measure vanishes, and would be hit then."""
+    safety, _, _ = layer
+    x, blind = 0.0, 0.3
+    for _ in range(200):
+        wall = np.stack([np.full(181, 2.0 - x), np.linspace(-1.0, 1.0, 181)], axis=1)
+        x += 0.1 * safety(0.6, 0.0, wall[np.hypot(*wall.T) > blind], blind=blind)
+    assert 2.0 - x > blind
+
+
 def test_a_larger_or_slower_robot_stops_earlier(layer):
     _, contract, make = layer
     wall = np.stack([np.full(181, 0.6), np.linspace(-1.0, 1.0, 181)], axis=1)
@@ -90,7 +100,9 @@ def test_a_larger_or_slower_robot_stops_earlier(layer):
     larger = make(contract, radius=0.3)(0.6, 0.0, wall)
     slower = make(contract, deceleration=0.3)(0.6, 0.0, wall)
     assert 0 < larger < usual <= 0.6 and 0 < slower < usual
-    for name in ("radius", "deceleration"):
+    assert 0 < make(contract, gap=0.1)(0.6, 0.0, wall) < usual
+    assert make(contract)(0.6, 0.0, wall, blind=0.3) < usual
+    for name in ("radius", "deceleration", "gap"):
         with pytest.raises(ValueError, match=f"{name} is -1: give a number above 0"):
             make(contract, **{name: -1})
 

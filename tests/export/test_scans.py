@@ -156,5 +156,8 @@ def test_what_does_not_cover_the_front_is_refused(scans):
 
 
 def test_a_mount_that_is_no_place_is_refused(scans):
-    with pytest.raises(ValueError, match="give x, y, m, and yaw"):
+    with pytest.raises(ValueError, match=r"give Mount\(x, y, yaw\), m and rad"):
         scans.LaserInput(LASER, scans.Mount(x=math.nan))
+    for mount in (scans.Mount(yaw=180.0), (0.1, 0.0, 0.0), None):
+        with pytest.raises(ValueError, match="mount is"):
+            scans.LaserInput(LASER, mount)

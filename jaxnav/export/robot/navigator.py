@@ -28,6 +28,7 @@ nothing; utterance: the sentence to speak, "" for none."""
 
 _UNSURE = 0.4  # between the two likeliest meanings: below it the robot asks to repeat
 _ANSWERS = 0.5  # probability from which on an answer counts as one
+_ASIDE = 0.15  # m between the bodies when a person walks by a robot that stands for them
 _UNHEARD = 4  # messages and one more are kept until they can be heard
 _FAR = 1e6  # m: poses and goals are nearer
 _WITHIN = 500.0  # m, m/s: people and the goal are nearer to the robot, and slower
@@ -42,21 +43,23 @@ class Navigator(object):
     """A robot on its way to a goal. BundleError: the bundle can't be used. Sets torch to one thread: more take longer.
 
     mount: where the laser sits; safety: whether speed is reduced before obstacles, whatever the policy says; radius, m,
-    deceleration, m/s2: of this robot, for the safety layer; by default those of the contract.
+    deceleration, m/s2: of this robot, for the safety layer, by default those of the contract; gap: that it keeps beside
+    the contract's, m.
 
     reason: why the last command is a stop or slower than the policy's, "" otherwise; arrived: whether it is at its
     goal; ranges: the last scan as the policy had it, from right to left; steps, interventions: how many commands the
     policy gave, and how many of them the safety layer slowed down.
     """
 
-    def __init__(self, bundle=HERE, mount=Mount(), safety=True, radius=None, deceleration=None):
+    def __init__(self, bundle=HERE, mount=Mount(), safety=True, radius=None, deceleration=None, gap=0.0):
         torch.set_num_threads(1)
         self.policy = Policy(bundle)
         self.contract = self.policy.contract
         self._control, self._timeout = self.contract["control"], self.contract["safety"]["timeout"]
         self._language = self.contract["language"]
         self._laser = LaserInput(self.contract["laser"], mount)
-        self._safety = SafetyLayer(self.contract, radius, deceleration) if safety else None
+        self._aside = self.contract["robot"]["radius"] + self.contract["people"]["radius"] + _ASIDE
+        self._safety = SafetyLayer(self.contract, radius, deceleration, gap) if safety else None
         self._goal, self._now, self._turn = None, None, 0
         self._scan_since, self._unheard = (None, 0.0), []
         self.steps, self.interventions, self.ranges = 0, 0, None
@@ -81,7 +84,8 @@ class Navigator(object):
         pose: x, y, heading of the robot in a frame that stands still, m, m, rad.
         message: what a person has just said, once; None for nothing. A policy that understands words takes a vector of
             phrasebook.py, another one its meaning by name: "robot stop", "robot right", "robot left", "agrees" or
-            "refuses". What is said while the robot can't use its other inputs is heard as soon as it can.
+            "refuses"; "unknown" makes it ask to repeat. What is said while the robot can't use its other inputs is
+            heard as soon as it can.
         stamp, now: when the oldest of all this was measured, and what time it is, s on one clock. By default now is
             that of time.monotonic(), and the scan is as old as this very object is known.
         """
@@ -93,12 +97,12 @@ class Navigator(object):
             return self._stop("internal error: %r" % error)
 
     def _step(self, scan, pedestrians, pose, message, stamp, now):
-        now, age = self._time(now, stamp, scan)
-        if self._goal is None:
-            raise Unusable("no goal was set: call reset(goal)")
         message = self._message(message)
         if message is not None:
             self._unheard = [*self._unheard[-_UNHEARD:], message]
+        now, age = self._time(now, stamp, scan)
+        if self._goal is None:
+            raise Unusable("no goal was set: call reset(goal)")
         pose = self._pose(pose, now)
         self.ranges, points = self._laser(scan)
         people = _people(pedestrians)
@@ -118,12 +122,15 @@ class Navigator(object):
         if decision.code != 0:
             self._people.ask(decision.code)
             said = self._sentence("request", self.contract["codes"][decision.code]["name"])
-        slower = v if self._safety is None else self._safety(v, w, points, age)
         self.steps += 1
         self.reason = ""
+        if self._people.asks_to_stop(self._aside):
+            v = w = 0.0
+            self.reason = "stands: somebody asked it to stop"
+        slower = v if self._safety is None else self._safety(v, w, points, age, self._laser.blind)
         if slower < v:
             self.interventions += 1
-            self.reason = "slowed from %.2f to %.2f m/s before an obstacle" % (v, slower)
+            self.reason = "slowed from %.3f to %.3f m/s before an obstacle" % (v, slower)
         self._twist = slower, w
         return Command(slower, w, decision.code, said)
 
@@ -154,7 +161,8 @@ class Navigator(object):
             raise Unusable("stamp is no time: give s, at most %g" % _LATEST)
         age = now - float(stamp)
         if age > self._timeout:
-            raise Unusable("inputs are stale: %.2f s old, at most %.2f s" % (age, self._timeout))
+            clocks = ": are both times of one clock?" if age > 60 else ""
+            raise Unusable("inputs are stale: %.2f s old, at most %.2f s%s" % (age, self._timeout, clocks))
         if age < -self._timeout:
             raise Unusable("inputs are %.2f s from the future: are both times of one clock?" % -age)
         return now, max(age, 0.0)
@@ -162,7 +170,7 @@ class Navigator(object):
     def _pose(self, pose, now):
         pose = finite(pose, (3,), _FAR)
         if pose is None:
-            raise Unusable("pose is not x, y, heading in finite numbers")
+            raise Unusable("pose is not x, y, heading in finite numbers, m and rad")
         if self._away(pose) > _WITHIN:
             raise Unusable("the goal is %.0f m away, at most %.0f: is it in the frame of the poses?" % (
                 self._away(pose), _WITHIN
@@ -230,6 +238,8 @@ class Navigator(object):
         """None, or (vector or None, name or None). Unusable: it is neither."""
         if message is None:
             return None
+        if isinstance(message, str) and message == "unknown":
+            return None, message
         if not self.contract["hearing"]:
             raise Unusable("message is given, but this policy was trained deaf: give None")
         if self._language is None:
@@ -239,11 +249,16 @@ class Navigator(object):
             return None, message
         words = finite(message, (self._language["dimensions"],), 10.0)
         if words is None:
-            raise Unusable("message is no vector of %d finite numbers" % self._language["dimensions"])
+            raise Unusable(
+                "message is no vector of %d finite numbers: give what Phrasebook().look_up(text) returns, None for "
+                'silence, or "unknown"' % self._language["dimensions"]
+            )
         return (words.astype(np.float32), None) if words.any() else None
 
     def _hear(self, words, name):
         """Take in what somebody says. Returns what the robot says to that."""
+        if name == "unknown":
+            return self._sentence("repeat")
         message, reply, unsure = self._understand(words) if name is None else self._meaning(name)
         asked = self._people.who_owes_a_reply()
         if reply != 0 and asked is not None:

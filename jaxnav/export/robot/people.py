@@ -10,6 +10,9 @@ import numpy as np
 
 _ASSOCIATE = 0.6  # m around where a person should be by now, in which it may be found again
 _FORGET = 3.0  # s after which a person who is no longer seen is forgotten
+_STOP = 1  # the message
+_WAITS = 20  # periods for which the robot stands for somebody who asked it to
+_STANDING = 0.1  # m/s below which a person stands
 _MOST = 50  # people who are followed, the nearest
 _OLDEST = 1000  # periods: the policy doesn't tell ages of more than ten apart
 _WALKING_SPEED = 0.5  # m/s at which a dialogue opens at exactly the contract's distance
@@ -39,6 +42,15 @@ class Person:
         self.close()
         self.met = self.is_open = self.first = True
         self.message, self.words, self.grown = message, self._silence if words is None else words, 0
+
+    def walks_at(self, x, y, clearance):
+        """Whether they walk, and past (x, y) within that clearance if they walk straight on."""
+        speed = math.hypot(self.vx, self.vy)
+        if not self.placed or speed < _STANDING:
+            return False
+        dx, dy = x - self.x, y - self.y
+        ahead = dx * self.vx + dy * self.vy > 0
+        return ahead and abs(dx * self.vy - dy * self.vx) / speed < clearance
 
     def chat(self, words):
         """They say something that asks for nothing. What they asked for before still holds."""
@@ -125,6 +137,11 @@ class People:
         person = self._somebody_new()
         person.seen_at = self._now
         return person
+
+    def asks_to_stop(self, clearance):
+        """Whether somebody asked the robot to stop a short while ago, and nobody who did walks into it if it does."""
+        asked = [p for p in self._people if p.is_open and p.message == _STOP and p.message_age < _WAITS]
+        return bool(asked) and not any(p.walks_at(self._pose[0], self._pose[1], clearance) for p in asked)
 
     def who_owes_a_reply(self):
         """The nearest who was asked for something and has not answered, None if nobody was."""

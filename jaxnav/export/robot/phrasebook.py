@@ -6,6 +6,7 @@ seconds. contract.json says under "language" which it is. Written for Python 3.6
 
 import csv
 import io
+import re
 
 import numpy as np
 from bundle import HERE, BundleError, load_arrays, load_contract, read_file
@@ -23,13 +24,17 @@ class Phrasebook:
         self._table = load_arrays(bundle, contract, "embeddings.npz")
         text = read_file(bundle, contract, "phrases.csv").decode("utf-8")
         self.phrases = [row["text"] for row in csv.DictReader(io.StringIO(text, newline=""))]
-        self._rows = {key_of(text): row for row, text in enumerate(self.phrases)}
+        self._rows = {}
+        for key in (key_of, _spoken):  # as it is written, and as speech recognition writes it
+            for row, text in enumerate(self.phrases):
+                self._rows.setdefault(key(text), row)
 
     def look_up(self, text):
-        """The vector [D] of a sentence that is known by heart, or that says nothing; None: it is not known."""
+        """The vector [D] of a sentence that is known by heart, with or without its punctuation, or that says nothing;
+        None: it is not known."""
         if not has_words(text):
             return np.zeros(self.dimensions, np.float32)
-        row = self._rows.get(key_of(text))
+        row = self._rows.get(key_of(text), self._rows.get(_spoken(text)))
         if row is None:
             return None
         said = self._table["said"][self._table["row"][row]].astype(np.float32)
@@ -50,3 +55,8 @@ class Phrasebook:
         said = (features - self._table["centre"]) @ self._table["components"].astype(np.float32)
         said = (said / max(float(np.linalg.norm(said)), 1e-6)).astype(np.float16)
         return np.append(said.astype(np.float32), np.float32(side))
+
+
+def _spoken(text):
+    """The words of a sentence, without capitals and punctuation."""
+    return " ".join(re.sub(r"[^\w']+", " ", key_of(text)).split())

@@ -45,12 +45,13 @@ class LaserInput:
     """Resamples scans. laser: that part of a contract."""
 
     def __init__(self, laser, mount):
-        if finite(mount[:3], (3,), 10.0) is None:
-            raise ValueError("mount %r: give x, y, m, and yaw, rad, in finite numbers" % (mount,))
+        if not hasattr(mount, "upside_down") or finite(mount[:3], (3,), 2 * math.pi) is None:
+            raise ValueError("mount is %r: give Mount(x, y, yaw), m and rad, in numbers of at most 2 pi" % (mount,))
         self._mount, self._range_max = mount, laser["range_max"]
         self._elsewhere = mount.x != 0 or mount.y != 0
         self._angles = np.linspace(laser["angle_min"], laser["angle_max"], laser["beams"])
         self._spacing = self._angles[1] - self._angles[0]
+        self.blind = 0.0  # distance from the robot's middle below which the last scan may have seen nothing
         self._known = None  # the geometry of the last scan, and what follows from it
 
     def __call__(self, scan):
@@ -61,6 +62,8 @@ class LaserInput:
         """
         ranges, first, step = self._read(scan)
         angles = self._measured_angles(len(ranges), first, step)
+        nearest = finite(getattr(scan, "range_min", 0.0), (), 10.0)
+        self.blind = 0.0 if nearest is None or nearest <= 0 else float(nearest) + math.hypot(*self._mount[:2])
         with np.errstate(invalid="ignore"):
             broken = np.isnan(ranges) | ((ranges < 0) & ~np.isneginf(ranges))
             hit = (ranges > 0) & (ranges < self._range_max)
