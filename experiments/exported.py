@@ -63,6 +63,7 @@ class Options:
         drives: the same for Navigator, with and without its safety layer.
         worlds: of each suite for the adversary.
         seed: of the episodes; training has not seen them.
+        suites: on which policies are trained and driven: parity, hard.
         pythons: more Pythons with torch that replay every bundle's recorded outputs, as the robot's.
         runs: folder of the trainings.
         out: folder of the results.
@@ -73,11 +74,13 @@ class Options:
     drives: int = 2000
     worlds: int = 1000
     seed: int = 7
+    suites: tuple[str, ...] = tuple(SUITES)
     pythons: tuple[str, ...] = ()
     runs: pathlib.Path = pathlib.Path("runs/exported")
     out: pathlib.Path = scene_study.RESULTS
 
     def __post_init__(self):
+        scene_study.check_names(self.suites, "--suites", SUITES)
         for python in self.pythons:
             if shutil.which(python) is None:
                 raise UserError(
@@ -273,7 +276,9 @@ def study(options):
     numbers = {name: getattr(options, name) for name in ("states", "episodes", "drives", "worlds", "seed")}
     identity = numbers | {"embeddings": default_table().fingerprint}
     result = {"command": f"python experiments/{PROGRAM}.py", **identity, **provenance()}
-    rows = {name: (compare, name) for name in CONFIGURATIONS} | {f"drive {suite}": (drive, suite) for suite in SUITES}
+    rows = {name: (compare, name) for name in CONFIGURATIONS} | {
+        f"drive {suite}": (drive, suite) for suite in options.suites
+    }
     for field in ("rows", "commits"):
         result[field] = scene_study.stored(path, identity, field, {})
     for row, (function, name) in rows.items():
@@ -307,15 +312,16 @@ def table(result):
     for name, row in rows.items():
         replays = " | ".join(f"{replay['error']:.1e}" for replay in row["replays"])
         lines.append(f"| {name} | {row['v']:.1e} | {row['w']:.1e} | {row['codes']} | {replays} |")
+    driven = [suite for suite in SUITES if f"drive {suite}" in result["rows"]]
     lines += [
         "",
         "**The same episodes**, preset quick trained on each suite. The exported network is given what the JAX policy "
         "observes; a Navigator works out scans, pose history, dialogues and words for itself.",
         "",
-        "| | " + " | ".join(SUITES) + " |",
-        f"|{'---|' * (1 + len(SUITES))}",
+        "| | " + " | ".join(driven) + " |",
+        f"|{'---|' * (1 + len(driven))}",
     ]
-    drives = [result["rows"][f"drive {suite}"] for suite in SUITES]
+    drives = [result["rows"][f"drive {suite}"] for suite in driven]
 
     def line(label, text):
         lines.append(f"| {label} | {' | '.join(text(d) for d in drives)} |")

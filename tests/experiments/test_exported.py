@@ -44,6 +44,10 @@ def test_it_does_everything_once(tmp_path, done, capsys):
     path.write_text(json.dumps(result))
     program.main(["--out", str(tmp_path)])
     assert done[20:] == ["hard"]
+    del result["rows"]["drive parity"]
+    path.write_text(json.dumps(result))
+    program.main(["--out", str(tmp_path), "--suites", "hard"])
+    assert done[21:] == ["hard"] and "| | hard |" in (tmp_path / "exported.md").read_text()
     with pytest.raises(SystemExit) as stop:
         program.main(["--out", str(tmp_path), "--states", "5"])
     assert stop.value.code == 2 and "states differ" in capsys.readouterr().err
