@@ -63,7 +63,13 @@ def add_onnx(folder):
 def add_torchscript(folder, python):
     """Write policy.pt into a bundle, by a Python that has torch 1.10 or older. UserError says why it can't."""
     folder = pathlib.Path(folder)
-    return run_policy(folder, python, "--torchscript", folder.resolve() / "policy.pt")
+    try:
+        return run_policy(folder, python, "--torchscript", folder.resolve() / "policy.pt")
+    except UserError as error:
+        said = str(error).removeprefix(f"{folder}: ")
+        raise UserError(
+            f"--torchscript {python}: {said} (it has to be a Python with numpy and torch 1.10 or older)"
+        ) from None
 
 
 def _need(*packages):

@@ -243,4 +243,8 @@ def test_torchscript_is_left_to_an_old_torch(copy):
         formats.add_torchscript(copy, sys.executable)
     with pytest.raises(UserError, match="nowhere/python can't be run"):
         formats.add_torchscript(copy, "nowhere/python")
+    (copy / "torch.py").write_text("raise ModuleNotFoundError('No module named torch')")
+    said = rf"^--torchscript {re.escape(sys.executable)}: ModuleNotFoundError: No module named torch \(it has to be a"
+    with pytest.raises(UserError, match=said):
+        formats.add_torchscript(copy, sys.executable)
     assert not (copy / "policy.pt").exists()
