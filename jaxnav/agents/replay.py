@@ -45,14 +45,16 @@ class Replay:
         row = step % self.rows
         return {name: jax.lax.dynamic_update_index_in_dim(contents[name], packed[name], row, 0) for name in contents}
 
-    def sample(self, key, contents, steps, batch, n=1, discount=1.0):
+    def sample(self, key, contents, steps, batch, n=1, discount=1.0, since=0):
         """``batch`` uniform transitions `[batch, ...]` of the last ``rows`` of ``steps`` steps: (transitions, steps).
+
+        since: step whose transitions are the first that count; what was written before belongs to somebody else.
 
         With ``n`` above 1 each spans so many steps, or fewer where its episode or the record ends: its reward is their
         discounted sum, its next snapshot and its end are those of the last of them, and ``steps`` says how many.
         """
         episodes = next(iter(contents.values())).shape[1]
-        oldest = steps - jnp.minimum(steps, self.rows)
+        oldest = steps - jnp.minimum(steps - since, self.rows)
         low, high = jnp.stack([oldest, 0]), jnp.stack([steps, episodes])
         step, column = jax.random.randint(key, (2, batch), low[:, None], high[:, None])
 

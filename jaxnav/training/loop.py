@@ -42,12 +42,13 @@ def member_axes():
 class Trainer:
     """The bundle of pure functions `init` and `train_chunk` for a world, an agent and the sizes in ``TrainConfig``.
 
-    ranges: from which each episode draws fields of ``params``, (name, lowest, highest).
+    ranges: from which each episode draws fields of ``params``, (name, lowest, highest); since: the counter at which
+    this learner began, a number or, for a member of a population that took another's place, traced.
     """
 
-    def __init__(self, world, agent, params, config, ranges=()):
+    def __init__(self, world, agent, params, config, ranges=(), since=0):
         self.world, self.agent, self.params, self.config = world, agent, params, config
-        self.ranges = ranges
+        self.ranges, self.since = ranges, since
         self._state = jax.eval_shape(lambda key: world.reset(key, params), jax.random.key(0))
         snapshot = jax.eval_shape(world.snapshot, self._state)
         self._observation = jax.eval_shape(lambda s: world.render(s, params), snapshot)
@@ -188,7 +189,7 @@ class Trainer:
             key, step = key_and_step
             key_sample, key_update = jax.random.split(key)
             sampled, steps = self.replay.sample(
-                key_sample, replay, loop.counter, config.batch, config.n_step, hyper.discount
+                key_sample, replay, loop.counter, config.batch, config.n_step, hyper.discount, self.since
             )
             batch = self._render(sampled, steps)
             return self.agent.update(key_update, learner, batch, hyper, lr_scale, step)
@@ -200,7 +201,7 @@ class Trainer:
         return loop.replace(learner=learner, replay=replay), jax.tree.map(jnp.mean, metrics)
 
     def _lr_scale(self, loop, hyper):
-        progress = jnp.clip(loop.counter / self.config.total_steps, 0.0, 1.0)
+        progress = jnp.clip((loop.counter - self.since) / self.config.total_steps, 0.0, 1.0)
         return 1.0 - (1.0 - hyper.final_lr) * progress
 
     def _render(self, transitions, steps: Any = 1):

@@ -1,14 +1,22 @@
-"""Learners trained at once by ``vmap``, in one process and one compilation: members that differ in seed and floats."""
+"""Learners trained at once by ``vmap``, in one process and one compilation: members that differ in seed and floats.
+
+A member is whatever stands in a slot of the population: it can be replaced by a new one at any time, and what has
+turned non-finite is frozen. Neither needs another compilation.
+"""
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..agents.replay import select
+from ..errors import UserError
 from .config import RunConfig
 from .loop import LoopState, Trainer, member_axes
+from .memory import available_memory
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,46 +36,134 @@ class Population:
     """Trains members of one configuration; ``config.seed`` and ``config.hyper`` are those of nobody.
 
     Its program is compiled once, whatever seeds, scene and hyperparameters its members then have.
+
+    own: names of fields of ``config.world.params`` of which each member has a value of its own while it trains.
     """
 
-    def __init__(self, config: RunConfig, agent, members: int):
-        self.config, self.members = config, members
+    def __init__(self, config: RunConfig, agent, members: int, own: tuple[str, ...] = ()):
+        self.config, self.members, self.own = config, members, own
         self.world = config.world.world()
-        self.trainer = Trainer(self.world, agent, config.world.params, config.train, config.world.randomise)
-        axes = member_axes()
-        self._init = jax.jit(jax.vmap(self.trainer.init, in_axes=(0, 0, None), out_axes=axes))
-        self._chunk = jax.jit(
-            jax.vmap(self.trainer.train_chunk, in_axes=(axes, 0), out_axes=(axes, 0)), donate_argnums=0
-        )
+        self._agent = agent
+        self.trainer = self._trainer({}, 0)
+        self._init = jax.jit(jax.vmap(self.trainer.init, in_axes=(0, 0, None), out_axes=member_axes()))
+        self._refill = jax.jit(self._replaced, donate_argnums=0)
+
+    def _trainer(self, own, since):
+        config = self.config
+        params = config.world.params.replace(**own)
+        return Trainer(self.world, self._agent, params, config.train, config.world.randomise, since)
 
     def start(self, seeds, hyper, scene=-1) -> LoopState:
         """Members before their first step. hyper: leaves of one number, or of one for each member."""
-        hyper = self._spread(hyper)
-        return self._init(jnp.stack([jax.random.key(seed) for seed in seeds]), hyper, scene)
+        return self._init(_keys(seeds), self._spread(hyper), scene)
 
-    def train(self, loop: LoopState, hyper, steps, report=lambda steps, metrics: None, before=()):
+    def refill(self, loop, slots, seeds, hyper) -> LoopState:
+        """``loop``, which is donated, with members before their first step in ``slots``, a mask `[members]`.
+
+        seeds, hyper: of all members, as for `start`; those outside of ``slots`` don't count. Whoever trains on tells
+        `train` since when they are there: the present ``loop.counter``.
+        """
+        return self._refill(loop, jnp.asarray(slots), _keys(seeds), self._spread(hyper))
+
+    def _replaced(self, loop, slots, keys, hyper):
+        axes = member_axes()
+        fresh = jax.vmap(self.trainer.init, in_axes=(0, 0, 0), out_axes=axes)(keys, hyper, loop.scene)
+        fields = ("key", "learner", "states", "ended")  # replay needs no emptying: `since` says what counts
+        chosen = {
+            name: jax.tree.map(lambda new, old: _select(slots, new, old), getattr(fresh, name), getattr(loop, name))
+            for name in fields
+        }
+        return loop.replace(**chosen)
+
+    def train(
+        self, loop, hyper, steps, report=lambda steps, metrics: None, before=(), own=None, since=0
+    ):  # fmt: skip
         """(loop, `Trained`) after training until ``steps`` steps of all episodes have been played.
 
         report: called after each chunk with the steps so far and its metrics, `[members]` each; before: ``broken`` of
-        an earlier call.
+        an earlier call, whose broken members stay frozen; own: the members' own values, one number or `[members]`,
+        by the names given to `Population`; since: the counter at which each member began.
         """
-        hyper = self._spread(hyper)
+        hyper, own = self._spread(hyper), self._spread({name: (own or {})[name] for name in self.own})
+        since = jnp.broadcast_to(jnp.int32(since), self.members)
         broken: list[int | None] = list(before or [None] * self.members)
         while int(loop.counter) < steps:
-            loop, metrics = self._chunk(loop, hyper)
+            learning = jnp.array([step is None for step in broken])
+            loop, metrics = self._chunk(loop, hyper, own, since, learning)
             metrics, done = jax.device_get((metrics, loop.counter))
             for member in np.flatnonzero(~metrics["finite"]):
                 if broken[member] is None:
                     broken[member] = int(done) * self.config.train.episodes
             report(int(done), metrics)
         env_steps = int(loop.counter) * self.config.train.episodes
-        policies = jax.tree.map(jnp.copy, self.trainer.agent.policy(loop.learner))
-        return loop, Trained(env_steps=env_steps, policies=policies, broken=tuple(broken))
+        return loop, Trained(env_steps=env_steps, policies=self.policies(loop), broken=tuple(broken))
 
-    def _spread(self, hyper):
-        return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.float32(leaf), self.members), hyper)
+    def policies(self, loop):
+        """A copy of the parameters of what is evaluated `[members]`."""
+        return jax.tree.map(jnp.copy, self._agent.policy(loop.learner))
+
+    @functools.cached_property
+    def _chunk(self):
+        """The program, compiled ahead of its first use, so that it can be asked what memory it needs."""
+
+        def chunk(loop, hyper, own, since, learning):
+            new, metrics = self._trainer(own, since).train_chunk(loop, hyper)
+            # Whoever broke keeps what it had before: its numbers slow nobody down, and its last good policy is there.
+            learner = jax.tree.map(
+                lambda new, old: jnp.where(learning & metrics["finite"], new, old), new.learner, loop.learner
+            )
+            return new.replace(learner=learner), metrics
+
+        axes = member_axes()
+        program = jax.vmap(chunk, in_axes=(axes, 0, 0, 0, 0), out_axes=(axes, 0))
+        return jax.jit(program, donate_argnums=0).lower(*self._shapes()).compile()
+
+    def _shapes(self):
+        def floats(tree):
+            return jax.tree.map(lambda _: jax.ShapeDtypeStruct((self.members,), jnp.float32), tree)
+
+        hyper = floats(self.config.hyper)
+        keys = jax.eval_shape(lambda: _keys(range(self.members)))
+        loop = jax.eval_shape(self._init, keys, hyper, -1)
+        since, learning = (jax.ShapeDtypeStruct((self.members,), dtype) for dtype in (jnp.int32, bool))
+        return loop, hyper, floats(dict.fromkeys(self.own, 0.0)), since, learning
+
+    @functools.cached_property
+    def bytes_needed(self):
+        """Of the device's memory while it trains: the members and what their program needs beside them. Compiles it."""
+        found = self._chunk.memory_analysis()
+        return (
+            found.argument_size_in_bytes + found.output_size_in_bytes - found.alias_size_in_bytes
+            + found.temp_size_in_bytes
+        )  # fmt: skip
+
+    def check_memory(self, name):
+        """UserError, before anything is allocated, if the device has too little. name: of the number of members."""
+        free = available_memory()
+        if self.bytes_needed <= free:
+            return
+        fits = int(self.members * free // self.bytes_needed)
+        remedy = f"at most {fits} fit" if fits else "give fewer train.episodes or train.replay_rows"
+        raise UserError(
+            f"{name} is {self.members}: {self.members} members need {self.bytes_needed / 1e9:.1f} GB, "
+            f"{free / 1e9:.1f} are free: {remedy}"
+        )
+
+    def _spread(self, values):
+        return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.float32(leaf), self.members), values)
 
 
 def member(policies, i):
     """Parameters of one member."""
     return jax.tree.map(lambda leaf: leaf[i], policies)
+
+
+def _keys(seeds):
+    return jax.vmap(jax.random.key)(jnp.asarray(np.array(list(seeds), np.uint32)))
+
+
+def _select(slots, new, old):
+    """`select`, for typed keys as well."""
+    if jnp.issubdtype(new.dtype, jax.dtypes.prng_key):
+        return jax.random.wrap_key_data(select(slots, jax.random.key_data(new), jax.random.key_data(old)))
+    return select(slots, new, old)
