@@ -1,4 +1,4 @@
-"""The command line: jaxnav train | evaluate | render | export | talk | understand | language."""
+"""The command line: jaxnav train | sweep | evaluate | render | export | talk | understand | language."""
 
 import time
 
@@ -24,6 +24,7 @@ _HELP = """jaxnav: a 2D world of pedestrians, and a robot in it that learns to s
 usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
 
   train            train a robot, evaluate, draw and export it; without options: the quick preset, CPU minutes
+  sweep FILE       search for hyperparameters: hundreds of learners at once, the worst stopped early
   evaluate RUN     play a run's policy again: more episodes, other seeds
   render RUN       draw a run's pictures again
   export RUN       write a run's policy as a folder for a robot: torch and numpy, no JAX
@@ -37,6 +38,8 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   jaxnav train --algo td3                          a baseline that steers and is silent: td3, ppo or a2c
   jaxnav train --scene map.yaml --out runs/mine    your own building, a ROS map
   jaxnav train --resume --out runs/quick-0         go on after an interruption
+  jaxnav sweep experiments/sweeps/hard.py --trials 60
+  jaxnav train --from-sweep runs/sweeps/hard       train with what a sweep has found
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
   jaxnav export runs/quick-0 --onnx
   jaxnav export --verify runs/quick-0/bundle
@@ -49,7 +52,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point of the console script. Exits with 2 after an error that the user can mend."""
     arguments = sys.argv[1:] if arguments is None else arguments
     commands = {
-        "train": _train, "evaluate": _evaluate, "render": _render, "export": _export, "talk": _talk,
+        "train": _train, "sweep": _sweep, "evaluate": _evaluate, "render": _render, "export": _export, "talk": _talk,
         "understand": _understand, "language": _language,
     }  # fmt: skip
     if not arguments or arguments[0] in ("-h", "--help"):
@@ -67,7 +70,11 @@ def main(arguments: list[str] | None = None) -> None:
     except UserError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        goes_on = "; jaxnav train --resume with the same options goes on" if arguments[0] == "train" else ""
+        goes_on = (
+            f"; jaxnav {arguments[0]} --resume with the same options goes on"
+            if arguments[0] in ("train", "sweep")
+            else ""
+        )
         print(f"interrupted{goes_on}", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:  # who reads our output has had enough
@@ -227,6 +234,12 @@ def _export(arguments):
     from .cli_export import export
 
     export(arguments)
+
+
+def _sweep(arguments):
+    from .cli_sweep import sweep
+
+    sweep(arguments)
 
 
 def _talk(arguments):

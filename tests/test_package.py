@@ -21,6 +21,7 @@ ROOMS = (
     "agents",
     "training",
     "render",
+    "sweep",
     "export",
     "adapters",
     "talk",
@@ -28,6 +29,7 @@ ROOMS = (
     "command",
     "cli_language",
     "cli_export",
+    "cli_sweep",
     "cli",
 )
 

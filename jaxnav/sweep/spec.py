@@ -115,10 +115,10 @@ class Sweep:
         return tuple(name.rpartition(".")[2] for name in self.space if name.startswith("world."))
 
     def base_values(self):
-        """The values of ``base`` by the names that are searched; None if a size of it is none of those searched."""
-        values = {name: get(self.base, name) for name in [*self.sizes, *self.space]}
-        known = all(values[name] in choices for name, choices in self.sizes.items())
-        return {name: float(v) if name in self.space else v for name, v in values.items()} if known else None
+        """The values of ``base`` by the names that are searched."""
+        base = resolve(self.base)  # rewards of the scene are those of the world, unless said otherwise
+        sizes = {name: get(base, name) for name in self.sizes}
+        return sizes | {name: float(get(base, name)) for name in self.space}
 
     def configuration(self, values):
         """The `RunConfig` of a trial with those values, resolved."""
@@ -132,8 +132,9 @@ class Sweep:
         free = {"space", "sizes", "objective", "guard", "trials", "confirm", "seeds"}
         rest = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in free}
         base = to_json(self.base)
+        train = {name: value for name, value in base["train"].items() if name != "checkpoint_seconds"}
         return rest | {
-            "base": {name: base[name] for name in base if name not in ("out", "resume")},
+            "base": {name: base[name] for name in base if name not in ("out", "resume")} | {"train": train},
             "space": {name: dataclasses.asdict(found) for name, found in self.space.items()},
             "sizes": {name: [_plain(value) for value in values] for name, values in self.sizes.items()},
             "objective": self.objective.__name__,

@@ -118,6 +118,14 @@ class Population:
         program = jax.vmap(chunk, in_axes=(axes, 0, 0, 0, 0), out_axes=(axes, 0))
         return jax.jit(program, donate_argnums=0).lower(*self._shapes()).compile()
 
+    def compile(self):
+        """Compile the program, unless that is done: `train` would do it at its first chunk."""
+        _ = self._chunk
+
+    def policy_shapes(self):
+        """Shapes of what `policies` gives."""
+        return jax.eval_shape(lambda loop: self._agent.policy(loop.learner), self._shapes()[0])
+
     def _shapes(self):
         def floats(tree):
             return jax.tree.map(lambda _: jax.ShapeDtypeStruct((self.members,), jnp.float32), tree)
@@ -137,9 +145,12 @@ class Population:
             + found.temp_size_in_bytes
         )  # fmt: skip
 
-    def check_memory(self, name):
-        """UserError, before anything is allocated, if the device has too little. name: of the number of members."""
-        free = available_memory()
+    def check_memory(self, name, taken=0):
+        """UserError, before anything is allocated, if the device has too little.
+
+        name: of the number of members; taken: bytes of it that other populations have.
+        """
+        free = available_memory() - taken
         if self.bytes_needed <= free:
             return
         fits = int(self.members * free // self.bytes_needed)

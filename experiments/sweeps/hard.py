@@ -1,0 +1,29 @@
+"""Hybrid SAC in the hard suite: how fast it learns, how much it explores, what it is paid for talking.
+
+jaxnav sweep experiments/sweeps/hard.py
+"""
+
+import dataclasses
+
+from jaxnav.sweep import Guard, Range, Sweep
+from jaxnav.training.config import preset
+
+sweep = Sweep(
+    base=dataclasses.replace(preset("quick"), scene="hard"),
+    space={
+        "hyper.actor_lr": Range(2e-4, 4e-3, log=True),
+        "hyper.critic_lr": Range(2e-4, 4e-3, log=True),
+        "hyper.tau": Range(0.003, 0.05, log=True),
+        "hyper.target_entropy_twist": Range(-4.0, -0.5),
+        "hyper.target_entropy_code": Range(0.05, 0.7),
+        "world.params.reward_request": Range(1.0, 100.0, log=True),
+        "world.params.reward_response": Range(0.5, 40.0, log=True),
+    },
+    sizes={"agent.updates_per_step": (2, 4, 8)},
+    guard=Guard(scene="all"),
+    trials=300,
+    members=40,
+    rungs=(250, 500),
+    confirm=3,
+    seeds=10,
+)

@@ -1,0 +1,289 @@
+"""The search: who begins, who is stopped, who is confirmed. All of it follows from the store.
+
+Each turn decides about the trials that have come to a rung, fills free slots, and takes every population a round
+further. Populations wait for each other: so the same trials are drawn whatever engine trains them, and a sweep that
+was killed draws them again. Halving is that of Li et al. 2020 ("A system for massively parallel hyperparameter
+tuning", ASHA), decided for all at once that have come to a rung.
+"""
+
+import dataclasses
+import json
+import math
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+from ..training.provenance import provenance
+from .judge import CONFIRM_SEED, SEARCH_SEED
+from .results import PHASES, Results
+from .spec import Sweep
+from .store import Place, Store, distributions
+from .worker import Fill, Unit
+
+FRESH_SEED = 1_000_000  # of the first training that confirms; no trial of a search comes so far
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """A trial that is to begin: its values by dotted name, sizes included, its seed, and whose values they are."""
+
+    values: dict[str, Any]
+    seed: int
+    of: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Phase:
+    """One of the sweep's.
+
+    units: its populations, with the sizes that each is compiled for; total_steps: of a trial; rungs: where the worst
+    are stopped; reaches: success in every scene, with which a trial ends; kinds: distributions of the values;
+    proposals: a function (study, trials) -> a function (sizes, number of the next trial) -> `Job`, or None if nobody
+    is to begin with these sizes.
+    """
+
+    name: str
+    units: list[tuple[Unit, dict]]
+    total_steps: int
+    kinds: dict
+    proposals: Callable
+    rungs: tuple[int, ...] = ()
+    reaches: float | None = None
+
+
+def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, report=lambda results, state: None):
+    """Search, confirm and guard, from where the store is. Returns `Results`.
+
+    report: called with `Results` and a line on what is going on, after each round.
+    """
+    origin = provenance()
+    for make in (_search, _confirm, _guard):
+        phase = make(sweep, folder, store)
+        if phase is not None and phase.units:
+            study = store.open(phase.name, sweep)
+            _play(sweep, phase, study, engine, lambda state: report(results(sweep, name, store, origin), state))
+    return results(sweep, name, store, origin)
+
+
+def results(sweep: Sweep, name, store: Store, origin):
+    """What is in the store. origin: `provenance`."""
+    budget = {field: getattr(sweep, field) for field in ("trials", "confirm", "seeds")}
+    phases = {phase: store.trials(phase) for phase in PHASES}
+    return Results(name, json.loads(json.dumps(sweep.identity())), budget, phases, origin)
+
+
+def _search(sweep, folder, store):
+    base = sweep.base_values()
+    allowed = all(found.low <= base[name] <= found.high for name, found in sweep.space.items())
+
+    def proposals(study, trials):
+        sampler = study.sampler(sweep.seed, startup=max(10, sweep.members))
+        had = any(trial.values == base for trial in trials)
+
+        def propose(sizes, number):
+            nonlocal had
+            if number >= sweep.trials:
+                return None
+            fixed = sizes
+            if allowed and not had and sizes == {name: base[name] for name in sizes}:
+                fixed, had = base, True  # what everything is compared with is one of the trials
+            return Job(sampler.ask(number, kinds, fixed), sweep.base.seed + number)
+
+        return propose
+
+    kinds = distributions(sweep)
+    config, steps = sweep.base, sweep.base.train.total_steps
+    units = _units(sweep, folder, "search", config, sweep.combinations, sweep.populations, SEARCH_SEED, "validation")
+    return Phase("search", units, steps, kinds, proposals, sweep.rungs)
+
+
+def _confirm(sweep, folder, store):
+    if not sweep.confirm:
+        return None
+    jobs = _again(sweep, store)
+    units = _units(sweep, folder, "confirm", sweep.base, _sizes(sweep, jobs), 1, CONFIRM_SEED, "test")
+    return Phase("confirm", units, sweep.base.train.total_steps, distributions(sweep, jobs), _listed(jobs))
+
+
+def _guard(sweep, folder, store):
+    guard = sweep.guard
+    if guard is None or not sweep.confirm:
+        return None
+    jobs = _again(sweep, store)
+    train = dataclasses.replace(sweep.base.train, total_steps=guard.total_steps)
+    config = dataclasses.replace(sweep.base, scene=guard.scene, train=train)
+    units = _units(
+        sweep, folder, "guard", config, _sizes(sweep, jobs), 1, CONFIRM_SEED, "test", guard.every
+    )  # fmt: skip
+    kinds = distributions(sweep, jobs)
+    return Phase("guard", units, guard.total_steps, kinds, _listed(jobs), reaches=guard.reaches)
+
+
+def _units(sweep, folder, phase, base, combinations, each, seed, phrases, steps=None):
+    units = []
+    for sizes in combinations:
+        config = dataclasses.replace(sweep, base=base).configuration(sizes)
+        for _ in range(each):
+            name = f"{phase}-{len(units)}"
+            where = str((folder / "populations" / name).resolve())
+            unit = Unit(
+                name, config, sweep.members, tuple(sweep.space), steps or sweep.round_steps, sweep.episodes, seed,
+                phrases, where,
+            )  # fmt: skip
+            units.append((unit, sizes))
+    return units
+
+
+def _again(sweep, store):
+    """Who is trained again with fresh seeds: base, and the best of the search."""
+    sign = 1 if sweep.direction == "maximize" else -1
+    base = sweep.base_values()
+    done = [trial for trial in store.trials("search") if trial.state == "complete" and trial.values != base]
+    best = sorted(done, key=lambda trial: -sign * trial.objective)[: sweep.confirm]
+    candidates = [(None, base), *((trial.number, trial.values) for trial in best)]
+    return [Job(values, FRESH_SEED + i, of) for i in range(sweep.seeds) for of, values in candidates]
+
+
+def _sizes(sweep, jobs):
+    found = []
+    for job in jobs:
+        sizes = {name: job.values[name] for name in sweep.sizes}
+        if sizes not in found:
+            found.append(sizes)
+    return found
+
+
+def _listed(jobs):
+    """Proposals that are known beforehand."""
+
+    def proposals(study, trials):
+        waiting = [job for job in jobs if (job.of, job.seed) not in {(trial.of, trial.seed) for trial in trials}]
+
+        def propose(sizes, number):
+            for job in waiting:
+                if all(job.values[name] == value for name, value in sizes.items()):
+                    waiting.remove(job)
+                    return job
+            return None
+
+        return propose
+
+    return proposals
+
+
+def _play(sweep, phase, study, engine, report):
+    """Train all trials of a phase, in turns that all populations take together."""
+    while True:
+        trials, places = study.trials(), study.places()
+        # Trials that are behind are those that a kill kept from being told of: nothing is decided without them.
+        turns = {places[t.number].turn + len(t.curve) for t in trials if t.state == "running"}
+        if len(turns) < 2:
+            _decide(sweep, phase, study, trials)
+            _fill(sweep, phase, study)
+            trials, places = study.trials(), study.places()
+            turns = {places[t.number].turn + len(t.curve) for t in trials if t.state == "running"}
+        if not turns:
+            engine.forget([unit.name for unit, _ in phase.units])
+            report(f"{phase.name}: done")
+            return
+        behind = {
+            trial.number: trial for trial in trials
+            if trial.state == "running" and places[trial.number].turn + len(trial.curve) == min(turns)
+        }  # fmt: skip
+        if not any(trial.curve for trial in trials):
+            report(f"{phase.name}: the first round compiles")
+        jobs = _jobs(phase, trials, places, behind)
+        found = engine.advance(jobs, _counter(report, phase.name, len(jobs), len(trials), len(behind)))
+        for (unit, _, _), result in zip(jobs, found, strict=True):
+            there = [t for t in trials if t.state == "running" and places[t.number].unit == unit.name]
+            for trial in there:
+                if trial.number in behind:
+                    study.report(trial, *_row(sweep, unit, trial, places[trial.number].slot, result, len(there)))
+
+
+def _jobs(phase, trials, places, behind):
+    """(unit, round, fills) of the populations of trials that are to go a round further."""
+    jobs = []
+    for unit, _ in phase.units:
+        there = [trial for trial in trials if places[trial.number].unit == unit.name]
+        rounds = {places[trial.number].round + len(trial.curve) for trial in there if trial.number in behind}
+        if rounds:
+            (round,) = rounds
+            fills = [
+                Fill(places[t.number].round, places[t.number].slot, t.seed, {n: t.values[n] for n in unit.floats})
+                for t in there
+            ]
+            jobs.append((unit, round, sorted(fills, key=lambda fill: fill.round)))
+    return jobs
+
+
+def _counter(report, name, populations, begun, training):
+    """What an engine calls after each population."""
+    back = 0
+
+    def done():
+        nonlocal back
+        back += 1
+        report(f"{name}: {begun} begun, {training} train; population {back} of {populations} is back")
+
+    return done
+
+
+def _row(sweep, unit, trial, slot, result, members):
+    """(steps of all episodes since the trial began, row of its curve)."""
+    step = (len(trial.curve) + 1) * unit.round_steps
+    broken, scenes = result.broken[slot], result.scenes[slot]
+    return step, {
+        "env_steps": step * unit.config.train.episodes,
+        "objective": None if broken else float(sweep.objective(scenes)),
+        "scenes": scenes,
+        "losses": result.losses[slot],
+        "broken": broken,
+        "seconds": round(result.seconds / members, 3),
+        "device": result.device,
+    }
+
+
+def _decide(sweep, phase, study, trials):
+    """End the trials that broke, have come to their end, or are not among the best at a rung."""
+    episodes = sweep.base.train.episodes
+    sign = 1 if sweep.direction == "maximize" else -1
+    for trial in trials:
+        if trial.state != "running" or not trial.curve:
+            continue
+        last = trial.curve[-1]
+        step = last["env_steps"] // episodes
+        if last["broken"]:
+            study.end(trial, "broken")
+        elif step >= phase.total_steps or (
+            phase.reaches and min(metrics["success"] for metrics in last["scenes"].values()) >= phase.reaches
+        ):
+            study.end(trial, "complete")
+        elif step in phase.rungs:
+            came = [
+                (-sign * row["objective"], other.number) for other in trials for row in other.curve
+                if row["env_steps"] == last["env_steps"] and row["objective"] is not None
+            ]  # fmt: skip
+            better = sum(other < (-sign * last["objective"], trial.number) for other in came)  # of equals the earlier
+            if better >= math.ceil(sweep.keep * len(came)):
+                study.end(trial, "stopped")
+
+
+def _fill(sweep, phase, study):
+    """Begin trials in free slots, populations in turn."""
+    trials, places = study.trials(), study.places()
+    number = len(trials)
+    taken = {(places[t.number].unit, places[t.number].slot) for t in trials if t.state == "running"}
+    free = [
+        (slot, unit, sizes) for slot in range(sweep.members) for unit, sizes in phase.units
+        if (unit.name, slot) not in taken
+    ]  # fmt: skip
+    turn = max((places[t.number].turn + len(t.curve) for t in trials), default=0)
+    propose = phase.proposals(study, trials) if free else None
+    for slot, unit, sizes in free:
+        job = propose(sizes, number)
+        if job is None:
+            continue
+        ages = [places[t.number].round + len(t.curve) for t in trials if places[t.number].unit == unit.name]
+        study.add(job.values, phase.kinds, job.seed, job.of, Place(unit.name, slot, max(ages, default=0), turn))
+        number += 1
