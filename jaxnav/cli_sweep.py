@@ -90,8 +90,8 @@ def _sweep(file, arguments):
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     console.print(f"sweep {name} in {folder}: {found.trials} trials in populations of {found.members}")
     with contextlib.closing(engine), _shown(found, console) as show:
-        results = search.run(found, name, folder, store, engine, show)
-    return _write(results, folder)
+        search.run(found, name, folder, store, engine, show)
+    return _report(folder)
 
 
 def _prepare(folder, name, found, options):
@@ -99,7 +99,7 @@ def _prepare(folder, name, found, options):
     path = folder / "sweep.json"
     budget = {field: getattr(found, field) for field in ("trials", "confirm", "seeds")}
     value = {"name": name, "storage": options.storage, "identity": found.identity(), "budget": budget}
-    value = json.loads(json.dumps(value))
+    value, runs = json.loads(json.dumps(value)), []
     if options.resume:
         before = _read(path, "--resume starts nothing: leave it out to start one")
         changed = differences(
@@ -110,6 +110,7 @@ def _prepare(folder, name, found, options):
                 f"--out {folder} holds another sweep ({', '.join(changed[:5])} differ): give the same values to resume "
                 "it, or another --out"
             )
+        runs = before["runs"]
     elif path.exists():
         raise UserError(f"--out {folder} already holds a sweep: go on with --resume, or give another --out")
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -117,7 +118,9 @@ def _prepare(folder, name, found, options):
     try:
         folder.mkdir(parents=True, exist_ok=True)
         whole = path.with_suffix(".tmp")
-        whole.write_text(json.dumps(value | provenance(), indent=1) + "\n")
+        # A sweep may go on with another version, or elsewhere: what is said of each start was true of it.
+        runs += [found for found in [provenance()] if found not in runs]
+        whole.write_text(json.dumps(value | {"runs": runs}, indent=1) + "\n")
         whole.replace(path)
     except OSError as error:
         raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
@@ -139,8 +142,7 @@ def _report(folder):
     kept = _read(folder / "sweep.json", "give the folder of one")
     store = Store(folder, kept["name"], kept["storage"])
     phases = {phase: store.trials(phase) for phase in PHASES}
-    origin = {name: kept[name] for name in ("versions", "git_commit", "device")}
-    _write(Results(kept["name"], kept["identity"], kept["budget"], phases, origin), folder)
+    _write(Results(kept["name"], kept["identity"], kept["budget"], phases, kept["runs"]), folder)
 
 
 def _write(results, folder):

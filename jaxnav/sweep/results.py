@@ -35,10 +35,11 @@ class Trial:
 @dataclasses.dataclass(frozen=True)
 class Results:
     """name: of the sweep; identity: what it was, as JSON (`Sweep.identity`); budget: trials, confirm and seeds asked
-    for; phases: trials by the name of the phase, in order of their numbers; provenance: versions, commit and device."""
+    for; phases: trials by the name of the phase, in order of their numbers; runs: versions, commit and device
+    (`provenance`) of every start, as far as they differ."""
 
     name: str
     identity: dict
     budget: dict
     phases: dict[str, list[Trial]]
-    provenance: dict
+    runs: list[dict] = dataclasses.field(default_factory=list)

@@ -13,9 +13,9 @@ import pathlib
 from collections.abc import Callable
 from typing import Any
 
-from ..training.provenance import provenance
+from ..errors import UserError
 from .judge import CONFIRM_SEED, SEARCH_SEED
-from .results import PHASES, Results
+from .results import PHASES, Results, Trial
 from .spec import Sweep
 from .store import Place, Store, distributions
 from .worker import Fill, Unit
@@ -56,20 +56,19 @@ def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, rep
 
     report: called with `Results` and a line on what is going on, after each round.
     """
-    origin = provenance()
     for make in (_search, _confirm, _guard):
         phase = make(sweep, folder, store)
         if phase is not None and phase.units:
             study = store.open(phase.name, sweep)
-            _play(sweep, phase, study, engine, lambda state: report(results(sweep, name, store, origin), state))
-    return results(sweep, name, store, origin)
+            _play(sweep, phase, study, engine, lambda state: report(results(sweep, name, store), state))
+    return results(sweep, name, store)
 
 
-def results(sweep: Sweep, name, store: Store, origin):
-    """What is in the store. origin: `provenance`."""
+def results(sweep: Sweep, name, store: Store):
+    """What is in the store."""
     budget = {field: getattr(sweep, field) for field in ("trials", "confirm", "seeds")}
     phases = {phase: store.trials(phase) for phase in PHASES}
-    return Results(name, json.loads(json.dumps(sweep.identity())), budget, phases, origin)
+    return Results(name, json.loads(json.dumps(sweep.identity())), budget, phases)
 
 
 def _search(sweep, folder, store):
@@ -139,9 +138,15 @@ def _again(sweep, store):
     sign = 1 if sweep.direction == "maximize" else -1
     base = sweep.base_values()
     done = [trial for trial in store.trials("search") if trial.state == "complete" and trial.values != base]
-    best = sorted(done, key=lambda trial: -sign * trial.objective)[: sweep.confirm]
+    best = sorted(done, key=lambda trial: better_first(trial, sign))[: sweep.confirm]
     candidates = [(None, base), *((trial.number, trial.values) for trial in best)]
     return [Job(values, FRESH_SEED + i, of) for i in range(sweep.seeds) for of, values in candidates]
+
+
+def better_first(trial: Trial, sign):
+    """A key that sorts trials of the same length, the best first: of equals, who has been as good sooner."""
+    known = [row["objective"] for row in trial.curve if row["objective"] is not None]
+    return -sign * trial.objective, -sign * sum(known) / len(known), trial.number
 
 
 def _sizes(sweep, jobs):
@@ -204,6 +209,12 @@ def _play(sweep, phase, study, engine, report):
 def _jobs(phase, trials, places, behind):
     """(unit, round, fills) of the populations of trials that are to go a round further."""
     jobs = []
+    for trial in behind.values():
+        if places[trial.number].slot >= phase.units[0][0].members:
+            raise UserError(
+                f"members is {phase.units[0][0].members}, but trial {trial.number} trains in slot "
+                f"{places[trial.number].slot} of its population: give as many as before until it has ended"
+            )
     for unit, _ in phase.units:
         there = [trial for trial in trials if places[trial.number].unit == unit.name]
         rounds = {places[trial.number].round + len(trial.curve) for trial in there if trial.number in behind}

@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from ..errors import UserError
-from ..training.config import RunConfig, resolve
+from ..training.config import RunConfig, resolve, scene_names
 from ..training.dataclass_json import to_json
 
 
@@ -128,8 +128,9 @@ class Sweep:
         return resolve(config)
 
     def identity(self):
-        """What must stay the same for a sweep to go on, as JSON; trials and confirmation may grow."""
-        free = {"space", "sizes", "objective", "guard", "trials", "confirm", "seeds"}
+        """What must stay the same for a sweep to go on, as JSON; trials and confirmation may grow, and populations may
+        be of another size, on another machine."""
+        free = {"space", "sizes", "objective", "guard", "trials", "members", "confirm", "seeds"}
         rest = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in free}
         base = to_json(self.base)
         train = {name: value for name, value in base["train"].items() if name != "checkpoint_seconds"}
@@ -271,6 +272,10 @@ def _check_guard(guard, chunk):
             f"guard.every is {guard.every} and guard.total_steps {guard.total_steps}: give a multiple of "
             f"base.train.steps_per_chunk ({chunk}), and a multiple of that"
         )
+    try:
+        scene_names(guard.scene)
+    except UserError as error:
+        raise UserError(f"guard.scene: {error}") from None
     if not 0 < guard.reaches <= 1 or not guard.slack > 0:
         raise UserError(
             f"guard.reaches is {guard.reaches} and slack {guard.slack}: give a success and a number above 0"

@@ -45,8 +45,11 @@ class Population:
         self.world = config.world.world()
         self._agent = agent
         self.trainer = self._trainer({}, 0)
-        self._init = jax.jit(jax.vmap(self.trainer.init, in_axes=(0, 0, None), out_axes=member_axes()))
-        self._refill = jax.jit(self._replaced, donate_argnums=0)
+        # Without replay, and for those who begin together as for those who follow: the same program, the same bits.
+        self._begin = jax.jit(
+            jax.vmap(lambda *given: self.trainer.init(*given).replace(replay={}), out_axes=member_axes())
+        )
+        self._refill = jax.jit(_replaced, donate_argnums=0)
 
     def _trainer(self, own, since):
         config = self.config
@@ -55,7 +58,13 @@ class Population:
 
     def start(self, seeds, hyper, scene=-1) -> LoopState:
         """Members before their first step. hyper: leaves of one number, or of one for each member."""
-        return self._init(_keys(seeds), self._spread(hyper), scene)
+        loop = self._begin(_keys(seeds), self._spread(hyper), jnp.full(self.members, scene, jnp.int32))
+        if not self._agent.replays:
+            return loop
+        shapes = jax.eval_shape(lambda: self.trainer.replay.init(self.config.train.episodes))
+        return loop.replace(
+            replay=jax.tree.map(lambda leaf: jnp.zeros((self.members, *leaf.shape), leaf.dtype), shapes)
+        )  # fmt: skip
 
     def refill(self, loop, slots, seeds, hyper) -> LoopState:
         """``loop``, which is donated, with members before their first step in ``slots``, a mask `[members]`.
@@ -63,17 +72,7 @@ class Population:
         seeds, hyper: of all members, as for `start`; those outside of ``slots`` don't count. Whoever trains on tells
         `train` since when they are there: the present ``loop.counter``.
         """
-        return self._refill(loop, jnp.asarray(slots), _keys(seeds), self._spread(hyper))
-
-    def _replaced(self, loop, slots, keys, hyper):
-        axes = member_axes()
-        fresh = jax.vmap(self.trainer.init, in_axes=(0, 0, 0), out_axes=axes)(keys, hyper, loop.scene)
-        fields = ("key", "learner", "states", "ended")  # replay needs no emptying: `since` says what counts
-        chosen = {
-            name: jax.tree.map(lambda new, old: _select(slots, new, old), getattr(fresh, name), getattr(loop, name))
-            for name in fields
-        }
-        return loop.replace(**chosen)
+        return self._refill(loop, self._begin(_keys(seeds), self._spread(hyper), loop.scene), jnp.asarray(slots))
 
     def train(
         self, loop, hyper, steps, report=lambda steps, metrics: None, before=(), own=None, since=0
@@ -131,8 +130,7 @@ class Population:
             return jax.tree.map(lambda _: jax.ShapeDtypeStruct((self.members,), jnp.float32), tree)
 
         hyper = floats(self.config.hyper)
-        keys = jax.eval_shape(lambda: _keys(range(self.members)))
-        loop = jax.eval_shape(self._init, keys, hyper, -1)
+        loop = jax.eval_shape(lambda hyper: self.start(range(self.members), hyper), hyper)
         since, learning = (jax.ShapeDtypeStruct((self.members,), dtype) for dtype in (jnp.int32, bool))
         return loop, hyper, floats(dict.fromkeys(self.own, 0.0)), since, learning
 
@@ -171,6 +169,14 @@ def member(policies, i):
 
 def _keys(seeds):
     return jax.vmap(jax.random.key)(jnp.asarray(np.array(list(seeds), np.uint32)))
+
+
+def _replaced(loop, fresh, slots):
+    """``loop`` with those who are ``fresh`` in these slots. Replay needs no emptying: `train` is told since when."""
+    names = ("key", "learner", "states", "ended")
+    return loop.replace(
+        **{name: jax.tree.map(lambda new, old: _select(slots, new, old), fresh[name], loop[name]) for name in names}
+    )
 
 
 def _select(slots, new, old):

@@ -39,7 +39,7 @@ def _tiny_sweep():
 
 
 class MadeUp:
-    """An engine whose trials succeed as their values and seed say, a little more each round; a rate above 5e-3 breaks."""
+    """An engine whose trials succeed as values and seed say, a little more each round; a rate above 5e-3 breaks."""
 
     def __init__(self):
         self.rounds = []  # (unit, round, numbers of fills) as they were asked for
