@@ -154,7 +154,7 @@ def test_any_learner_takes_any_encoder(algo, encoder):
     trainer = Trainer(config.world.world(), make_agent(config), config.world.params, config.train)
     hyper = jax.tree.map(jnp.float32, config.hyper)
     start = jax.eval_shape(lambda: trainer.init(jax.random.key(0), hyper))
-    end, metrics = jax.eval_shape(lambda: trainer.train_chunk(trainer.init(jax.random.key(0), hyper), hyper))
+    end, metrics = jax.eval_shape(trainer.train_chunk, start, hyper)
     assert jax.tree.structure(start) == jax.tree.structure(end)
     assert [(a.shape, a.dtype) for a in jax.tree.leaves(start)] == [(a.shape, a.dtype) for a in jax.tree.leaves(end)]
     assert {"critic_loss", "actor_loss", "q", "reward", "finite"} <= metrics.keys()

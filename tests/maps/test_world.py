@@ -38,8 +38,13 @@ def play(scene, pedestrians):
     return world, jax.tree.map(np.asarray, episode(jax.random.split(jax.random.key(0), EPISODES)))
 
 
-def test_walls_by_cell_give_the_episodes_of_all_walls(office):
-    _, (states, outcomes, *scans) = play(office, 4)
+@pytest.fixture(scope="module")
+def played(office):
+    return play(office, 4)
+
+
+def test_walls_by_cell_give_the_episodes_of_all_walls(office, played):
+    _, (states, outcomes, *scans) = played
     _, (all_states, all_outcomes, *all_scans) = play(dataclasses.replace(office, cells=None), 4)
     ended = np.cumsum(outcomes.terminated, axis=1) - outcomes.terminated > 0  # a robot in a wall may see otherwise
     np.testing.assert_allclose(states.pedestrians.x, all_states.pedestrians.x, atol=1e-4)
@@ -50,8 +55,8 @@ def test_walls_by_cell_give_the_episodes_of_all_walls(office):
     assert outcomes.collided.any() and ended.mean() < 0.8
 
 
-def test_pedestrians_stay_within_the_walls(office):
-    world, (states, *_) = play(office, 4)
+def test_pedestrians_stay_within_the_walls(played):
+    world, (states, *_) = played
     walls = world.walls(0)
     clear = wall_clearance(states.pedestrians.x.ravel(), states.pedestrians.y.ravel(), walls)
     assert clear.min() >= Params().body_radius - 1e-3
