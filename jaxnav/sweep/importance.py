@@ -1,22 +1,24 @@
 """How much each searched value mattered, by Optuna's PED-ANOVA (Watanabe et al. 2023)."""
 
-import warnings
+import math
 from typing import Any
 
 import numpy as np
 
 LEAST = 10  # trials, below which shares are noise
-BETTER = 0.5  # a smaller part of the trials needs more of them: with 20 a tenth named the right value in half of cases
+BETTER = 0.5  # a smaller part needs more trials: of 20 the best tenth named the right one of five values half the time
 
 
 def importance(results):
-    """Shares of what the better half of the trials has in common, compared with all: {name: share}, the largest first.
+    """How far the values of the better half of the trials stand out from those of all, as shares.
+
+    Where fewer than half are better than the worst, as many fail alike, the better half are these.
 
     Of trials that are complete or stopped, after the steps of the first rung, which all of them have: later ones know
     only what was let go on. Without rungs, of complete ones at their end.
 
-    Returns `shares` (None if they can't be known, with `why`), `trials`, how many were compared, and `env_steps`, after
-    which.
+    Returns `shares`: {name: share}, the largest first, None if they can't be known, with `why`; `trials`: how many were
+    compared, `better`, how many of them were the better, and `env_steps`, after which.
     """
     identity = results.identity
     steps = (identity["rungs"] or [identity["base"]["train"]["total_steps"]])[0]
@@ -29,13 +31,16 @@ def importance(results):
         for objective in [_at(trial, env_steps)]
         if objective is not None
     ]
-    found = {"shares": None, "trials": len(known), "env_steps": env_steps}
+    found = {"shares": None, "trials": len(known), "better": 0, "env_steps": env_steps}
     if len(known) < LEAST:
         return found | {"why": f"fewer than {LEAST} trials can be compared"}
-    if len({objective for _, objective in known}) == 1:
+    sign = 1 if identity["direction"] == "maximize" else -1
+    scores = np.sort([sign * objective for _, objective in known])[::-1]
+    better = min(math.ceil(BETTER * len(known)), int(np.sum(scores > scores[-1])))
+    if not better:
         return found | {"why": "all trials are equally good"}
-    shares = _shares(known, identity)
-    return found | ({"shares": shares} if shares else {"why": "more than half of the trials are equally good"})
+    shares = _shares(known, identity, (better - 0.5) / len(known))  # half a trial less, since it rounds up
+    return found | {"shares": shares, "better": int(np.sum(scores >= scores[better - 1]))}
 
 
 def _at(trial, env_steps):
@@ -55,7 +60,7 @@ def _label(value):
     return str(list(value)) if isinstance(value, tuple | list) else str(value)
 
 
-def _shares(known, identity):
+def _shares(known, identity, quantile):
     import optuna
     from optuna.distributions import CategoricalDistribution, FloatDistribution
 
@@ -68,11 +73,7 @@ def _shares(known, identity):
         for values, objective in known:
             params = {name: values[name] if name in identity["space"] else _label(values[name]) for name in kinds}
             study.add_trial(optuna.trial.create_trial(params=params, distributions=kinds, value=objective))
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter("always")
-            evaluator = optuna.importance.PedAnovaImportanceEvaluator(target_quantile=BETTER)
-            shares = optuna.importance.get_param_importances(study, evaluator=evaluator)
+        evaluator = optuna.importance.PedAnovaImportanceEvaluator(target_quantile=quantile)
+        return optuna.importance.get_param_importances(study, evaluator=evaluator)
     finally:
         optuna.logging.set_verbosity(before)
-    # Where ties leave no better half, it warns and gives equal shares, which mean nothing.
-    return None if any("equal" in str(warning.message) for warning in told) else shares

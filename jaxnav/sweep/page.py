@@ -3,7 +3,6 @@
 import re
 import shlex
 
-from .importance import BETTER
 from .numbers import name_of, number, searched, with_interval
 
 
@@ -111,10 +110,10 @@ def _importance(summary):
     if found["shares"] is None:
         return [*lines, f"Not known: {found['why']}."]
     lines += [
-        f"Optuna's PED-ANOVA over {found['trials']} trials: how far the values of the better {BETTER:.0%} stand out "
-        f"from those of all. Trials are compared after {found['env_steps']:,} env steps, which stopped ones have, too; "
-        "broken ones, and those with values outside of the space, are left out. A share says that a value mattered, "
-        "not which way.",
+        f"Optuna's PED-ANOVA over {found['trials']} trials: how far the values of the {found['better']} better ones "
+        f"stand out from those of all. Trials are compared after {found['env_steps']:,} env steps, which stopped ones "
+        "have, too; broken ones, and those with values outside of the space, are left out. A share says that a value "
+        "mattered, not which way.",
         "",
     ]
     return lines + _table(["", "share"], [[f"`{name}`", f"{share:.0%}"] for name, share in found["shares"].items()])
