@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import pathlib
 import re
 import unittest.mock
 
@@ -14,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxnav.errors import UserError
-from jaxnav.sweep import report
+from jaxnav.sweep import Guard, Range, Sweep, progress, report
 from jaxnav.sweep.importance import LEAST
 from jaxnav.sweep.page import markdown
+from jaxnav.training.config import PRESETS
 
 from .made_up import FLOATS, at, curve, identity, results, searched, trial, whole
 
@@ -303,6 +305,15 @@ def flipped(trial):
     return dataclasses.replace(trial, curve=rows, objective=-trial.objective)
 
 
+def test_less_of_the_negative_matters_as_more_does():
+    found = []
+    for direction in ("maximize", "minimize"):
+        known = identity(5, 2, direction)
+        trials = searched(60, known) if direction == "maximize" else [flipped(t) for t in searched(60, known)]
+        found.append(report.summarise(results(trials, known=known))["importance"])
+    assert found[0] == found[1]
+
+
 def test_a_size_can_be_the_most_important():
     known, trials = identity(2, 2), []
     for found in searched(40, identity(2, 2), stopped=0.0):
@@ -356,7 +367,15 @@ def test_device_hours_are_by_phase():
 
 def test_files_are_whole_and_say_the_same(tmp_path):
     found = whole(count=20, seeds=3)
-    summary = report.write(found, tmp_path)
+    write, written = pathlib.Path.write_bytes, []
+
+    def spy(path, content):
+        written.append(path.suffix)
+        return write(path, content)
+
+    with unittest.mock.patch("pathlib.Path.write_bytes", spy):
+        summary = report.write(found, tmp_path)
+    assert written == [".tmp"] * 3  # a kill leaves the old file or the new one
     assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.json", "summary.md", "summary.png"]
     assert json.loads((tmp_path / "summary.json").read_text()) == summary
     page = (tmp_path / "summary.md").read_text()
@@ -378,7 +397,7 @@ def test_the_table_of_trials_adds_up_to_the_store(tmp_path):
     report.write(found, tmp_path)
     *_, table = tables((tmp_path / "summary.md").read_text())
     header, _, *rows = [[cell.strip() for cell in row] for row in table]
-    assert header[1:3] == ["asked", "begun"] and header[3:-1] == list(report.progress.STATES)
+    assert header[1:3] == ["asked", "begun"] and header[3:-1] == list(progress.STATES)
     for row in rows:
         assert sum(map(int, row[3:-1])) == int(row[2]) == len(found.phases[row[0]])
 
@@ -428,8 +447,30 @@ def test_a_folder_that_is_none_is_a_user_error(tmp_path):
         report.write(whole(count=12, candidates=1, seeds=2), tmp_path / "none")
 
 
-def test_an_objective_that_is_not_finite_is_none(tmp_path):
-    trials = [*searched(12, identity(2)), dataclasses.replace(trial(12, 0.5, values=VALUES), objective=math.nan)]
-    summary = report.write(results(trials), tmp_path)
-    assert summary["counts"]["search"]["begun"] == 13
-    assert 12 not in [row["trial"] for row in summary["best"]]
+def test_objectives_that_are_not_finite_count_for_nothing():
+    found = exact(BETTER)
+    more = [trial(2, 0.99, "broken", values=VALUES), trial(3, 0.5, values=VALUES)]
+    more[1] = dataclasses.replace(more[1], objective=math.nan)
+    again = [dataclasses.replace(t, objective=math.inf) if (t.of, t.seed) == (1, 8) else t
+             for t in found.phases["confirm"]]  # fmt: skip
+    phases = {"search": [*found.phases["search"], *more], "confirm": again}
+    summary = report.summarise(dataclasses.replace(found, budget=found.budget | {"trials": 4}, phases=phases))
+    assert [row["trial"] for row in summary["best"]] == [0, 1]
+    assert row_of(summary, 1)["objective"]["per_seed"] == [0.7, None, 0.8]
+    assert summary["winner"]["trial"] == 0
+    json.dumps(summary, allow_nan=False)
+
+
+def test_it_reads_what_a_sweep_says_of_itself():
+    names = {"hyper.tau": Range(0.001, 0.05, log=True), "world.params.reward_collision": Range(-50.0, -5.0)}
+    sweep = Sweep(
+        base=PRESETS["quick"], space=names, sizes={"agent.actor_widths": ((64, 64), (128, 128))}, guard=Guard()
+    )
+    known = sweep.identity()
+    values = sweep.base_values() or {}
+    base = dataclasses.replace(trial(0, 0.5, total=1), values=values)
+    found = dataclasses.replace(results([base], [base, base], known=known, confirmations=1, seeds=2), name="own")
+    summary = report.summarise(found)
+    assert row_of(summary, None)["values"] == progress.plain(values)
+    assert summary["counts"]["confirm"]["asked"] == 2  # the only trial is base, which is confirmed anyway
+    json.dumps(summary, allow_nan=False)
