@@ -1,0 +1,200 @@
+"""The answer of a sweep: which values won, how certain that is, what mattered, and what it cost."""
+
+import io
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+from scipy.stats import bootstrap
+
+from ..errors import UserError, remedy
+from . import page, progress
+from .answer import answer, unfit
+from .figure import figure_of
+from .importance import importance
+from .results import PHASES, Results
+
+_RESAMPLES = 9999
+
+
+def write(results: Results, folder):
+    """Write summary.json, summary.md and summary.png into ``folder``, each whole or not at all. Returns the summary.
+
+    UserError: one can't be written.
+    """
+    summary, folder, picture = summarise(results), pathlib.Path(folder), io.BytesIO()
+    figure_of(results, summary).savefig(picture, format="png")
+    _put(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False).encode() + b"\n")
+    _put(folder / "summary.md", page.markdown(summary, folder).encode())
+    _put(folder / "summary.png", picture.getvalue())
+    return summary
+
+
+def _put(path, content):
+    temporary = path.with_name(path.name + ".tmp")
+    try:
+        try:
+            temporary.write_bytes(content)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
+
+
+def summarise(results: Results) -> dict[str, Any]:
+    """The results in numbers, as plain JSON.
+
+    Measures are dicts of `mean`, `ci95` (percentile bootstrap over seeds, None with fewer than two) and `per_seed`.
+
+    answer: a sentence or two; missing: what is unfinished, in words; winner: None while something is, else trial (None
+    for base), values, objective, ci95, seeds, and beats_base (None where nothing was confirmed); counts: of each phase
+    the trials asked for, begun, and in each state; confirmed: base and the candidates, the best first; guard: its
+    limit in env steps; importance: `importance.importance`; device_hours: by phase; best: ten of the search, those that
+    came furthest first.
+    """
+    guard = results.identity["guard"] if results.budget["confirm"] else None
+    confirmed = _confirmed(results, guard)
+    missing = progress.missing(results)
+    winner = None if missing else _winner(results, confirmed)
+    summary = {
+        "name": results.name,
+        "objective": results.identity["objective"],
+        "direction": results.identity["direction"],
+        "missing": missing,
+        "winner": winner,
+        "counts": {phase: progress.counts(results, phase) for phase in PHASES},
+        "confirmed": confirmed,
+        "guard": guard and guard | {"limit": _limit(confirmed, guard)},
+        "importance": importance(results),
+        "device_hours": {
+            phase: sum(trial.seconds for trial in results.phases.get(phase, ())) / 3600 for phase in PHASES
+        },
+        "best": [_searched(trial) for trial in progress.ranked(results)[:10]],
+        "budget": dict(results.budget),
+        "provenance": results.provenance,
+    }
+    return {"answer": answer(summary), **summary}
+
+
+def _searched(trial):
+    found = {"trial": trial.number, "state": trial.state, "seed": trial.seed, "values": progress.plain(trial.values)}
+    return found | {"objective": trial.objective, "env_steps": progress.env_steps(trial)}
+
+
+def _measure(per_seed):
+    """Mean and interval of the values that are known. None: there is no value."""
+    known = np.sort([value for value in per_seed if value is not None])  # seeds have no order
+    found = {"mean": None, "ci95": None, "per_seed": per_seed}
+    if known.size:
+        found["mean"] = float(np.clip(known.mean(), known[0], known[-1]))
+    if known.size > 1:
+        drawn = bootstrap((known,), np.mean, n_resamples=_RESAMPLES, method="percentile", random_state=0)
+        # Equal values have means that are rounded away from them.
+        found["ci95"] = np.clip(drawn.confidence_interval, known[0], known[-1]).tolist()
+    return found
+
+
+def _confirmed(results, guard):
+    """Base first, then the candidates, the best mean first."""
+    confirm, guarded = (progress.by_candidate(results, phase) for phase in ("confirm", "guard"))
+    base = confirm.get(None, {})
+    rows = [_candidate(results, of, confirm[of], base, guarded.get(of, {}), guard) for of in confirm]
+    if guard:
+        limit = _limit(rows, guard)
+        for row in rows:
+            known = limit is not None and row["guard"]["mean"] is not None
+            row["guard"]["passes"] = True if row["trial"] is None else row["guard"]["mean"] <= limit if known else None
+    better = -progress.sign(results)
+    unknown = float("inf")
+    return sorted(
+        rows,
+        key=lambda row: (
+            row["trial"] is not None,
+            unknown if row["objective"]["mean"] is None else better * row["objective"]["mean"],
+        ),
+    )
+
+
+def _candidate(results, of, trials, base, guarded, guard):
+    seeds = sorted(trials)
+    objectives, others = _objectives(trials), _objectives(base)
+    scenes = list(dict.fromkeys(name for seed in seeds for name in _last(trials[seed])))
+    values = progress.base_values(results.identity) if of is None else next(iter(trials.values())).values
+    paired = [objectives[seed] - others[seed] for seed in seeds if seed in objectives and seed in others]
+    return {
+        "trial": of,
+        "values": progress.plain(values),
+        "seeds": seeds,
+        "lacks": max(0, results.budget["seeds"] - len(seeds)),
+        "broken": sum(trial.state == "broken" for trial in trials.values()),
+        "objective": _measure([objectives.get(seed) for seed in seeds]),
+        "difference": None if of is None else _measure(paired),
+        "success": {
+            name: _measure([_last(trials[seed]).get(name, {}).get("success") for seed in seeds]) for name in scenes
+        },
+        "guard": guard and _steps(results, guarded, guard),
+    }
+
+
+def _objectives(trials):
+    ended = {seed: trial for seed, trial in trials.items() if trial.state == "complete"}
+    return {seed: trial.objective for seed, trial in ended.items() if progress.is_measured(trial)}
+
+
+def _last(trial):
+    """Metrics of each scene, as they were when the trial was complete."""
+    rows = [row["scenes"] for row in trial.curve if row["scenes"]]
+    return rows[-1] if rows and trial.state == "complete" else {}
+
+
+def _steps(results, trials, guard):
+    """Env steps to the success of the guard; a seed that never reached it counts with all of its steps."""
+    ended = [trials[seed] for seed in sorted(trials) if trials[seed].state != "running"]
+    reached = [_reached(trial, guard["reaches"]) for trial in ended]
+    most = guard["total_steps"] * results.identity["base"]["train"]["episodes"]
+    found = _measure([most if steps is None else steps for steps in reached])
+    return found | {"per_seed": reached, "reached": sum(steps is not None for steps in reached), "passes": None}
+
+
+def _reached(trial, success):
+    for row in trial.curve:
+        if row["scenes"] and all(metrics["success"] >= success for metrics in row["scenes"].values()):
+            return row["env_steps"]
+    return None
+
+
+def _limit(rows, guard):
+    """Most env steps with which a candidate passes; None where base has none yet."""
+    means = [row["guard"]["mean"] for row in rows if row["trial"] is None]
+    return guard["slack"] * means[0] if means and means[0] is not None else None
+
+
+def _winner(results, confirmed):
+    """None: nothing is complete."""
+    if not results.budget["confirm"]:
+        searched = [_searched(trial) for trial in progress.completed(results)[:1]]
+        kept = ("trial", "values", "objective")
+        one_seed = {"ci95": None, "seeds": 1, "beats_base": None}
+        return {name: searched[0][name] for name in kept} | one_seed if searched else None
+    sign = progress.sign(results)
+    fit = [row for row in confirmed if row["objective"]["mean"] is not None and not unfit(row)]
+    if not fit:
+        return None
+    best = max(fit, key=lambda row: sign * row["objective"]["mean"])  # base, where it is as good
+    return {
+        "trial": best["trial"],
+        "values": best["values"],
+        "objective": best["objective"]["mean"],
+        "ci95": best["objective"]["ci95"],
+        "seeds": len(best["seeds"]),
+        "beats_base": _is_better(best["difference"], sign),
+    }
+
+
+def _is_better(difference, sign):
+    """Whether the whole interval of the difference lies on the better side of 0; None: of base itself."""
+    if difference is None:
+        return None
+    return difference["ci95"] is not None and min(sign * end for end in difference["ci95"]) > 0
