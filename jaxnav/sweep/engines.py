@@ -1,6 +1,7 @@
 """Where the populations of a sweep train: in this process, or in Ray's, one population after another in each."""
 
 import contextlib
+import socket
 
 import jax
 
@@ -42,6 +43,7 @@ class OnRay:
         self._ray = ray = _ray()
         with _quiet():
             try:
+                _answers(address)
                 ray.init(
                     address=address or None, logging_level="ERROR", log_to_driver=False, runtime_env=_environment()
                 )  # fmt: skip
@@ -97,6 +99,13 @@ class OnRay:
 
 
 _RETRIES = 3
+
+
+def _answers(address):
+    """OSError if nobody listens at HOST:PORT, for whom Ray would wait five minutes."""
+    host, _, port = address.rpartition(":")
+    if port.isdigit() and "/" not in host:
+        socket.create_connection((host, int(port)), timeout=10).close()
 
 
 def _environment():
