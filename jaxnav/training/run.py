@@ -175,6 +175,7 @@ class Run:
             progress, before, offset = self._start(checkpoints)
             if is_first() and (metrics_path.stat().st_size if metrics_path.exists() else 0) < offset:
                 raise UserError(f"{metrics_path} is shorter than its checkpoint says: train anew with another --out")
+            metrics_file = self._open(metrics_path)
         chunk = self.layout.chunk(self.trainer.train_chunk, progress.loop, self._hyper)
         steps = self.config.train.total_steps
         saved = time.monotonic()
@@ -184,7 +185,7 @@ class Run:
             meta = {"config": self._compared, "metrics_bytes": line_end, "wall_seconds": wall}
             checkpoints.save(int(progress.loop.counter), progress, meta)
 
-        with _stop_signals() as stop, self._open(metrics_path) as metrics_file:
+        with _stop_signals() as stop, metrics_file:
             if is_first():
                 metrics_file.truncate(offset)
             while int(progress.loop.counter) < steps:

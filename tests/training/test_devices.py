@@ -84,9 +84,10 @@ def test_eight_devices_compute_what_one_does(trained):
 
 
 def test_devices_add_up_and_tell_each_other_nothing_else(trained):
-    """Neither replay nor states leave their device: gradients and metrics are sums."""
+    """Gradients, metrics and counts are sums. Neither replay nor states leave their device, not as a sum either of what
+    one has and zeros of all others: both have unsigned numbers and flags."""
     _, (eight, one) = trained
-    assert eight["collectives"] == ["all-reduce"]
+    assert eight["collectives"] == ["all-reduce f32", "all-reduce s32"]
     assert one["collectives"] == []
 
 

@@ -21,15 +21,19 @@ from jaxnav.training.devices import Layout, is_first, join_processes, layout_on
 from jaxnav.training.run import Interrupted, Run
 
 
+def collectives(text):
+    """By what means devices tell each other something in a compiled program, each with the types of what they tell."""
+    found = re.findall(r" = (.*?) (all-[a-z-]+|collective-[a-z-]+|reduce-scatter)\(", text)
+    return sorted({f"{name} {type_}" for shapes, name in found for type_ in re.findall(r"(\w+)\[", shapes)})
+
+
 def train(config, devices, copy, stop):
     run = Run(run_from_json(config), layout_on(devices))
     told, compiled = {}, Layout.chunk
 
     def chunk(self, train_chunk, loop, hyper):
         program, calls = compiled(self, train_chunk, loop, hyper), []
-        told["collectives"] = sorted(
-            set(re.findall(r" (all-[a-z-]+|collective-[a-z-]+|reduce-scatter)\(", program.as_text()))
-        )
+        told["collectives"] = collectives(program.as_text())
 
         def counted(loop, hyper):
             calls.append(None)
