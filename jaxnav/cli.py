@@ -8,7 +8,7 @@ import dataclasses
 import json
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 import tyro
 from rich.console import Console
@@ -87,9 +87,29 @@ def _fail(message):
     sys.exit(2)
 
 
+_Config = TypeVar("_Config")
+
+
+@dataclasses.dataclass(frozen=True)
+class _TrainOptions(Generic[_Config]):
+    """Train a robot.
+
+    Args:
+        config: the run.
+        devices: 1, 2, 4 or 8, on which episodes and batches lie in 8 shards: the numbers are those of any other count.
+            0: not parted, on one device.
+        distributed: be one of several processes, whose devices count together, as Slurm or Kubernetes say, or
+            JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID.
+    """
+
+    config: Annotated[_Config, tyro.conf.arg(name="")]
+    devices: int = 0
+    distributed: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+
+
 def _train(arguments):
-    from .cli_export import write
     from .training.config import preset, resolve, scene_names
+    from .training.devices import is_first, join_processes, layout_on, together
     from .training.run import Interrupted, Run
 
     default = preset(_option(arguments, "--preset") or "quick", _option(arguments, "--algo") or "hsac")
@@ -99,12 +119,19 @@ def _train(arguments):
     if scene is not None:
         # The people of a scene are the defaults of --world.params, which the command line may still change.
         default = dataclasses.replace(default, scene=scene, world=default.world.of_scenes(scene_names(scene)))
-    config = resolve(parse(type(default), arguments, "train", "Train a robot.", default=default))
+    options = parse(
+        _TrainOptions[type(default)], arguments, "train", "Train a robot.", default=_TrainOptions(config=default)
+    )
+    if options.distributed:
+        if options.devices == 0:
+            raise UserError("--distributed needs --devices: give how many there are in all processes")
+        join_processes()
+    config = resolve(options.config)
     enable_compilation_cache()
-    run = Run(config)
+    run = Run(config, layout_on(options.devices))
     run.prepare_folder()
     # Plain text: a folder may be called [bold], and what is copied from here must not be broken into lines.
-    console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+    console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False, quiet=not is_first())
     console.print(f"training in {run.folder} (preset {config.preset}, seed {config.seed}); the first chunk compiles")
     with training_progress(config, console) as report:
         try:
@@ -112,13 +139,22 @@ def _train(arguments):
         except Interrupted as stop:
             console.print(f"\nstopped and saved; go on with the same command and --resume --out {run.folder}")
             sys.exit(128 + stop.signal)
-    actor = run.actor(progress, "last")
+    with together():  # who has nothing to write waits, since the first process coordinates the others
+        if is_first():
+            _finish(run, progress, console)
+
+
+def _finish(run, progress, console):
+    """Evaluate, draw and export what was trained, and say where it is."""
+    from .cli_export import write
+
+    seed, actor = run.config.seed, run.actor(progress, "last")
     with console.status("evaluating"):
-        result = run.evaluator.evaluate(actor, "last", _EPISODES, config.seed)
+        result = run.evaluator.evaluate(actor, "last", _EPISODES, seed)
     run.write_json("evaluation.json", result)
     print_result(Console(), result)
     with console.status("drawing"):
-        _draw(run, actor, config.seed)
+        _draw(run, actor, seed)
     with console.status("exporting"):
         write(run, actor, "last", run.folder / "bundle")
     names = (

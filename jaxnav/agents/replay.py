@@ -20,10 +20,12 @@ class Replay:
 
     rows:      steps that are kept.
     template:  one transition, shapes and types only.
+    shards:    equal parts of the episodes, of which each has the same share in every sample.
     """
 
     rows: int
     template: object
+    shards: int = 1
 
     @property
     def bytes_per_transition(self):
@@ -48,18 +50,23 @@ class Replay:
     def sample(self, key, contents, steps, batch, n=1, discount=1.0, since=0):
         """``batch`` uniform transitions `[batch, ...]` of the last ``rows`` of ``steps`` steps: (transitions, steps).
 
+        Those of a shard are in a row, and drawn from its own episodes: no shard reads what another one keeps.
+
         since: step whose transitions are the first that count; what was written before belongs to somebody else.
 
         With ``n`` above 1 each spans so many steps, or fewer where its episode or the record ends: its reward is their
         discounted sum, its next snapshot and its end are those of the last of them, and ``steps`` says how many.
         """
-        episodes = next(iter(contents.values())).shape[1]
+        episodes = next(iter(contents.values())).shape[1] // self.shards
         oldest = steps - jnp.minimum(steps - since, self.rows)
         low, high = jnp.stack([oldest, 0]), jnp.stack([steps, episodes])
         step, column = jax.random.randint(key, (2, batch), low[:, None], high[:, None])
 
+        take = by_shard(lambda table, row, column: table[row, column], self.shards, axes=(1, 0, 0))
+
         def at(step):
-            return self._unpack({dtype: table[step % self.rows, column] for dtype, table in contents.items()}, batch)
+            row = step % self.rows
+            return self._unpack({dtype: take(table, row, column) for dtype, table in contents.items()}, batch)
 
         first = last = at(step)
         if n == 1:  # nothing to add
@@ -90,6 +97,26 @@ class Replay:
             out.append(packed[name][:, start : start + size].reshape(batch, *leaf.shape))
             offsets[name] += size
         return jax.tree.unflatten(treedef, out)
+
+
+def by_shard(function, shards, axes):
+    """``function``, of arrays with a row for each of some things, as one that sees only one shard's rows at a time.
+
+    axes: of each argument the axis of these rows, which are parted into ``shards`` of the same size; the results `[n,
+    ...]` of all shards follow each other. Where arrays lie on several devices, whole shards on each, none is moved.
+    """
+    if shards == 1:
+        return function
+
+    def parted(*arrays):
+        parts = [
+            leaf.reshape(*leaf.shape[:axis], shards, -1, *leaf.shape[axis + 1 :])
+            for leaf, axis in zip(arrays, axes, strict=True)
+        ]
+        out = jax.vmap(function, in_axes=axes)(*parts)
+        return out.reshape(-1, *out.shape[2:])
+
+    return parted
 
 
 def select(mask, new, old):

@@ -40,8 +40,14 @@ class Checkpoints:
 
     def __init__(self, folder: pathlib.Path):
         self.folder = folder.resolve()
+        # Of several processes that train together one saves, and each restores by itself: Orbax waits for no other.
+        own = jax.process_index()
         options = ocp.CheckpointManagerOptions(
-            max_to_keep=2, create=False, enable_async_checkpointing=False, step_prefix="step"
+            max_to_keep=2,
+            create=False,
+            enable_async_checkpointing=False,
+            step_prefix="step",
+            multiprocessing_options=ocp.options.MultiprocessingOptions(own, {own}, f"process{own}"),
         )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -50,9 +56,12 @@ class Checkpoints:
             raise UserError(f"{self.folder} can't be used ({error.strerror}): {remedy(error)}") from error
 
     def save(self, step, state, meta):
-        """Save after env step ``step``; UserError if it can't be written, older checkpoints are kept."""
+        """Save ``state``, whole on this host, after env step ``step``.
+
+        UserError: it can't be written, older checkpoints are kept.
+        """
         key_impl = next(str(jax.random.key_impl(leaf)) for leaf in jax.tree.leaves(state) if _is_key(leaf))
-        arrays = _plain(state)
+        arrays = jax.device_get(_plain(state))
         meta = meta | {"key_impl": key_impl}
         meta = meta | {"checksum": _checksum(arrays, meta)}
         arguments = ocp.args.Composite(state=ocp.args.StandardSave(arrays), meta=ocp.args.JsonSave(meta))
@@ -69,7 +78,7 @@ class Checkpoints:
         return self._manager.latest_step()
 
     def restore(self, like, config):
-        """(state, meta) of the newest checkpoint. like: its shapes; config: the run's, as JSON.
+        """(state, meta) of the newest checkpoint, on the host. like: its shapes; config: the run's, as JSON.
 
         UserError: none there, damaged, or of another configuration.
         """
@@ -83,7 +92,10 @@ class Checkpoints:
             checksum = meta.pop("checksum")
             changed = differences(meta["config"], config)
             if not changed:
-                arguments = ocp.args.Composite(state=ocp.args.StandardRestore(jax.eval_shape(_plain, like)))
+                shapes = jax.eval_shape(_plain, like)
+                # Numpy arrays are what Orbax then makes: the devices of who saved it may not be there, or too small.
+                arrays = {name: np.empty(shape.shape, shape.dtype) for name, shape in shapes.items()}
+                arguments = ocp.args.Composite(state=ocp.args.StandardRestore(arrays))
                 state = self._manager.restore(step, args=arguments).state
                 if _checksum(state, meta) != checksum:
                     raise ValueError("changed bytes")
@@ -94,8 +106,6 @@ class Checkpoints:
                 f"{where} is from another configuration ({', '.join(changed)} differ): "
                 f"give the same values again, or another --out"
             )
-        # Orbax commits arrays to a device; for those the program of a fresh start would be compiled anew.
-        state = jax.tree.map(jnp.asarray, jax.device_get(state))
         return _typed(state, like, meta["key_impl"]), meta
 
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from ..agents.learner import Batch, Transition
-from ..agents.replay import Replay, select
+from ..agents.replay import Replay, by_shard, select
 from ..world import State
 from .randomise import draw
 
@@ -43,18 +43,22 @@ class Trainer:
     """The bundle of pure functions `init` and `train_chunk` for a world, an agent and the sizes in ``TrainConfig``.
 
     ranges: from which each episode draws fields of ``params``, (name, lowest, highest); since: the counter at which
-    this learner began, a number or, for a member of a population that took another's place, traced.
+    this learner began, a number or, for a member of a population that took another's place, traced; shards: equal parts
+    of the episodes, a divisor of their number and of the batch. Each begins its episodes from a pool of its own and has
+    its share in each batch, so that devices that hold whole shards need none of each other's states and replay; vmap:
+    makes a function of one episode one of all, that of a `Layout` where they lie on several devices.
     """
 
-    def __init__(self, world, agent, params, config, ranges=(), since=0):
+    def __init__(self, world, agent, params, config, ranges=(), since=0, shards=1, vmap=jax.vmap):
         self.world, self.agent, self.params, self.config = world, agent, params, config
-        self.ranges, self.since = ranges, since
+        self.ranges, self.since, self.shards, self._vmap = ranges, since, shards, vmap
         self._state = jax.eval_shape(lambda key: world.reset(key, params), jax.random.key(0))
         snapshot = jax.eval_shape(world.snapshot, self._state)
         self._observation = jax.eval_shape(lambda s: world.render(s, params), snapshot)
         scalar = jax.ShapeDtypeStruct((), jnp.float32)
         self.replay = Replay(
             rows=config.replay_rows,
+            shards=shards,
             template=Transition(
                 snapshot=snapshot,
                 next_snapshot=snapshot,
@@ -96,8 +100,9 @@ class Trainer:
         key, key_pool, key_steps = jax.random.split(loop.key, 3)
         episodes = self.config.episodes
         pool = self._resets(key_pool, episodes, loop.scene)
-        # Twice in a row: any window of `episodes` entries is a set of different fresh episodes.
-        pool = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), pool)
+        # Twice in a row: any window of as many entries as a shard has is a set of different fresh episodes.
+        twice = by_shard(lambda leaf: jnp.concatenate([leaf, leaf]), self.shards, axes=(0,))
+        pool = jax.tree.map(twice, pool)
         start = loop.replace(key=key)
         iterations = self.config.steps_per_chunk // self.agent.horizon
         loop, metrics = jax.lax.scan(
@@ -110,14 +115,14 @@ class Trainer:
         return loop, jax.tree.map(jnp.mean, metrics) | sums | {"finite": jnp.all(jnp.isfinite(numbers))}
 
     def _resets(self, key, count, scene):
-        def reset(key):
+        def reset(key, scene):
             key_scene, key_seed, key = jax.random.split(key, 3)
             drawn = jax.random.randint(key_scene, (), 0, len(self.world.scenes))
             seed = jax.random.bits(key_seed, (), jnp.uint32)
             params = draw(seed, self.params, self.ranges) if self.ranges else self.params
             return self.world.reset(key, params, jnp.where(scene < 0, drawn, scene), seed)
 
-        return jax.vmap(reset)(jax.random.split(key, count))
+        return self._vmap(reset, in_axes=(0, None))(jax.random.split(key, count), scene)
 
     def _params(self, seeds):
         """`Params` of the episodes with these seeds, and their ``vmap`` axis."""
@@ -150,16 +155,19 @@ class Trainer:
 
         # Ended episodes are replaced here, not after the step: `ended` is then an input of this program instead of
         # the end of a long chain, which XLA would compute anew for each of the fifty leaves it selects.
-        offset = jax.random.randint(key_pool, (), 0, episodes)
-        fresh = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, offset, episodes), pool)
-        states = jax.tree.map(lambda new, old: select(loop.ended, new, old), fresh, loop.states)
+        size = episodes // self.shards
+        offsets = jax.random.randint(key_pool, (self.shards,), 0, size)
+        window = by_shard(
+            lambda leaf, offset: jax.lax.dynamic_slice_in_dim(leaf, offset[0], size), self.shards, axes=(0, 0)
+        )
+        states = jax.tree.map(lambda pool, old: select(loop.ended, window(pool, offsets), old), pool, loop.states)
 
         params, axis = self._params(states.seed)
         snapshots = jax.vmap(world.snapshot)(states)
-        observations = jax.vmap(world.render, in_axes=(0, axis))(snapshots, params)
+        observations = self._vmap(world.render, in_axes=(0, axis))(snapshots, params)
         action = self.agent.act(key_act, loop.learner, observations, hyper)
         keys = jax.random.split(key_world, episodes)
-        states, outcome = jax.vmap(world.step, in_axes=(0, 0, 0, axis))(keys, states, action, params)
+        states, outcome = self._vmap(world.step, in_axes=(0, 0, 0, axis))(keys, states, action, params)
         ended = outcome.terminated | outcome.truncated
 
         transitions = Transition(
@@ -205,18 +213,20 @@ class Trainer:
         return 1.0 - (1.0 - hyper.final_lr) * progress
 
     def _render(self, transitions, steps: Any = 1):
+        def render(snapshots):
+            params, axis = self._params(snapshots.seed)
+            return jax.vmap(self.world.render, in_axes=(0, axis))(snapshots, params)
+
         # Both ends of the transitions in one go: half as much to compile.
-        pair = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), transitions.snapshot, transitions.next_snapshot)
-        params, axis = self._params(pair.seed)
-        rendered = jax.vmap(self.world.render, in_axes=(0, axis))(pair, params)
-        batch = transitions.reward.shape[0]
+        pair = jax.tree.map(lambda *leaves: jnp.stack(leaves), transitions.snapshot, transitions.next_snapshot)
+        rendered = jax.vmap(render)(pair)
         return Batch(
-            observation=jax.tree.map(lambda leaf: leaf[:batch], rendered),
-            next_observation=jax.tree.map(lambda leaf: leaf[batch:], rendered),
+            observation=jax.tree.map(lambda leaf: leaf[0], rendered),
+            next_observation=jax.tree.map(lambda leaf: leaf[1], rendered),
             twist=transitions.twist,
             code=transitions.code.astype(jnp.int32),
             reward=transitions.reward,
             terminated=transitions.terminated,
             ended=transitions.ended,
-            steps=jnp.broadcast_to(steps, batch),
+            steps=jnp.broadcast_to(steps, transitions.reward.shape),
         )

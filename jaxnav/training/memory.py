@@ -1,5 +1,6 @@
 """How much replay a machine holds: told before training, not by the kernel when the first checkpoint is saved."""
 
+import math
 import pathlib
 
 import jax
@@ -10,19 +11,22 @@ from ..errors import UserError
 _CONTAINER_LIMIT = pathlib.Path("/sys/fs/cgroup/memory.max")  # Linux, control groups version 2
 
 
-def check_memory(config, bytes_per_transition):
-    """UserError if replay and the copy of it that a checkpoint takes are larger than memory."""
+def check_memory(config, bytes_per_transition, share=1.0):
+    """UserError if replay and the copy of it that a checkpoint takes are larger than memory.
+
+    share: of replay that lies in the memory of a device, where there are several; the copy is a whole one.
+    """
     train = config.train
-    row, memory = bytes_per_transition * train.episodes, available_memory()
-    if 2 * train.replay_rows * row <= memory:
+    row, memory = math.ceil((1.0 + share) * bytes_per_transition * train.episodes), available_memory()
+    if train.replay_rows * row <= memory:
         return
-    fits = memory // (2 * row)
+    fits = memory // row
     remedy = f"give at most {fits}" if fits else "give fewer train.episodes"
     if config.resume:
         remedy = "resume it where there is more"
     raise UserError(
         f"train.replay_rows is {train.replay_rows}: replay, and its copy in a checkpoint, would take "
-        f"{2 * train.replay_rows * row / 1e9:.1f} GB of {memory / 1e9:.1f} GB of memory: {remedy}"
+        f"{train.replay_rows * row / 1e9:.1f} GB of {memory / 1e9:.1f} GB of memory: {remedy}"
     )
 
 

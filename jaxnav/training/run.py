@@ -22,6 +22,7 @@ from ..language.table import default_table
 from .checkpoint import Checkpoints
 from .config import RunConfig, make_agent, resolve, run_from_json
 from .dataclass_json import differences, to_json
+from .devices import Layout, check_shards, everybodys, is_first, together
 from .evaluation import Evaluator, episode_keys, make_policy
 from .loop import LoopState, Trainer
 from .memory import check_memory
@@ -62,22 +63,36 @@ class Interrupted(Exception):
 class Run:
     """A run's folder with what is needed to train, evaluate and draw it.
 
-    config.json, metrics.jsonl, checkpoints/, evaluation.json and the pictures lie in ``folder``.
+    config.json, metrics.jsonl, checkpoints/, evaluation.json and the pictures lie in ``folder``. Where several
+    processes train together, all of them prepare the folder and train, and the first one alone writes.
+
+    UserError: episodes or batch can't be parted into the shards of ``layout``.
     """
 
-    def __init__(self, config: RunConfig):
-        self.config = config
+    def __init__(self, config: RunConfig, layout: Layout = Layout()):
+        check_shards(config, layout.shards)
+        self.config, self.layout = config, layout
         self.folder = pathlib.Path(config.out)
         self.params = config.world.params
         self.world = config.world.world()
         self.agent = make_agent(config)
-        self.trainer = Trainer(self.world, self.agent, self.params, config.train, config.world.randomise)
+        self.trainer = Trainer(
+            self.world,
+            self.agent,
+            self.params,
+            config.train,
+            config.world.randomise,
+            shards=layout.shards,
+            vmap=layout.vmap,
+        )
         self.evaluator = Evaluator(self.world, self.agent, self.params)
         self._policy = make_policy(self.agent)  # once: what is compiled for it then serves every recording
         self._hyper = jax.tree.map(jnp.float32, config.hyper)
         compared = to_json(config)
         for *path, name in (field.split(".") for field in _FREE_FIELDS):
             functools.reduce(dict.get, path, compared).pop(name)
+        if layout.shards > 1:  # runs from before there were any have one
+            compared["shards"] = layout.shards
         self._compared = compared
 
     @classmethod
@@ -87,7 +102,8 @@ class Run:
         default_table()  # what is wrong with it is not the run's fault
         try:
             stored = json.loads(path.read_text())
-            run = cls(resolve(dataclasses.replace(run_from_json(stored["config"]), out=str(folder))))
+            config = resolve(dataclasses.replace(run_from_json(stored["config"]), out=str(folder)))
+            run = cls(config, Layout(stored.get("shards", 1)))
         except (FileNotFoundError, NotADirectoryError):
             raise UserError(f"{folder} holds no run: there is no {path}") from None
         except (UserError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -108,18 +124,29 @@ class Run:
 
         UserError: it holds something else, or replay is larger than memory.
         """
+        with together():
+            if is_first():
+                self._prepare_folder()
+
+    def _prepare_folder(self):
         config_path = self.folder / "config.json"
         if self.config.resume:
             if not config_path.exists():
                 raise UserError(f"--out {self.folder} holds no run to resume: leave out --resume to start one")
-            stored = Run.open(self.folder)._compared
-            changed = differences(stored, self._compared)
+            stored = Run.open(self.folder)
+            if stored.layout.shards != self.layout.shards:
+                remedy = "leave --devices out" if stored.layout.shards == 1 else "give --devices, 1 or more,"
+                raise UserError(
+                    f"--out {self.folder} holds a run of {stored.layout.shards} shards, not of {self.layout.shards}: "
+                    f"{remedy} to resume it, or another --out"
+                )
+            changed = differences(stored._compared, self._compared)
             if changed:
                 raise UserError(
                     f"--out {self.folder} holds a run with another {', '.join(changed)}: "
                     f"give the same values to resume it, or another --out"
                 )
-        check_memory(self.config, self.trainer.bytes_per_transition)
+        check_memory(self.config, self.trainer.bytes_per_transition, self.layout.share_in_memory)
         if self.config.resume:
             return
         if self.folder.exists() and not self.folder.is_dir():
@@ -132,9 +159,8 @@ class Run:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(f"--out {self.folder} can't be made ({error.strerror}): give another --out") from error
-        self.write_json(
-            "config.json", {"config": to_json(self.config), "embeddings": self._embeddings(), **provenance()}
-        )
+        stored = {"config": to_json(self.config), "shards": self.layout.shards, "embeddings": self._embeddings()}
+        self.write_json("config.json", stored | provenance())
 
     def train(self, report, started):
         """Train to the end, from the newest checkpoint if the configuration says resume. Returns `Progress`.
@@ -143,13 +169,15 @@ class Run:
 
         report: called with each line of metrics.jsonl; started: ``time.monotonic()`` at the start of the process.
         """
-        checkpoints = Checkpoints(self.folder / "checkpoints")
         metrics_path = self.folder / "metrics.jsonl"
-        progress, before, offset = self._start(checkpoints)
-        if (metrics_path.stat().st_size if metrics_path.exists() else 0) < offset:
-            raise UserError(f"{metrics_path} is shorter than its checkpoint says: train anew with another --out")
-        chunk = jax.jit(self.trainer.train_chunk, donate_argnums=0)
-        steps, every = self.config.train.total_steps, self.config.train.steps_per_chunk
+        with together():
+            checkpoints = Checkpoints(self.folder / "checkpoints")
+            progress, before, offset = self._start(checkpoints)
+            if is_first() and (metrics_path.stat().st_size if metrics_path.exists() else 0) < offset:
+                raise UserError(f"{metrics_path} is shorter than its checkpoint says: train anew with another --out")
+            metrics_file = self._open(metrics_path)
+        chunk = self.layout.chunk(self.trainer.train_chunk, progress.loop, self._hyper)
+        steps = self.config.train.total_steps
         saved = time.monotonic()
 
         def save(progress, line_end):
@@ -157,50 +185,69 @@ class Run:
             meta = {"config": self._compared, "metrics_bytes": line_end, "wall_seconds": wall}
             checkpoints.save(int(progress.loop.counter), progress, meta)
 
-        with _stop_signals() as stop, self._open(metrics_path) as metrics_file:
-            metrics_file.truncate(offset)
+        with _stop_signals() as stop, metrics_file:
+            if is_first():
+                metrics_file.truncate(offset)
             while int(progress.loop.counter) < steps:
                 began = time.monotonic()
                 loop, metrics = chunk(progress.loop, self._hyper)
                 metrics, done = jax.device_get((metrics, loop.counter))
                 self._check_finite(metrics, int(done), checkpoints.latest_step())
                 progress = progress.replace(loop=loop)
-                line = self._line(metrics, int(done))
-                if (int(done) // every) % self.config.train.evaluate_every == 0 or int(done) == steps:
-                    line["evaluation"] = self.evaluator.success(self.agent.policy(loop.learner), VALIDATION_SEED)
-                    progress = progress.replace(best=self._better(progress, min(line["evaluation"].values())))
-                line["wall_seconds"] = round(before + time.monotonic() - started, 3)
-                self._write_line(metrics_file, line)
-                report(line)
-                last = int(done) == steps or stop.number is not None
+                with together():
+                    if is_first():
+                        line = self._line(metrics, int(done))
+                        progress = self._evaluated(progress, line, int(done))
+                        line["wall_seconds"] = round(before + time.monotonic() - started, 3)
+                        self._write_line(metrics_file, line)
+                        report(line)
                 # Another chunk as long as this one must still fit into what a kill may cost.
                 now = time.monotonic()
-                if last or 2 * now - began - saved >= self.config.train.checkpoint_seconds:
-                    save(progress, metrics_file.tell())
+                due = 2 * now - began - saved >= self.config.train.checkpoint_seconds
+                # Clocks and signals are each process's own: the first one's clock counts, and anybody's signal.
+                votes = everybodys([due, stop.number or 0])
+                due, number = votes[0, 0], votes[:, 1].max()
+                if int(done) == steps or due or number:
+                    whole = progress.replace(loop=self.layout.gather(loop))
+                    with together():
+                        if is_first():
+                            save(whole, metrics_file.tell())
                     saved = time.monotonic()
-                if stop.number is not None:
-                    raise Interrupted(stop.number)
+                if number:
+                    raise Interrupted(int(number))
+            if number := everybodys(stop.number or 0).max():  # while the last checkpoint was saved
+                raise Interrupted(int(number))
         return progress
 
-    def _better(self, progress, score):
-        """The `Best` after an evaluation with that score."""
+    def _evaluated(self, progress, line, counter):
+        """``progress`` after the evaluation that is due, if one is, which ``line`` is then told."""
+        chunks = counter // self.config.train.steps_per_chunk
+        if chunks % self.config.train.evaluate_every and counter < self.config.train.total_steps:
+            return progress
+        actor = self.layout.local(self.agent.policy(progress.loop.learner))
+        line["evaluation"] = self.evaluator.success(actor, VALIDATION_SEED)
+        return progress.replace(best=self._better(progress, actor, counter, min(line["evaluation"].values())))
+
+    def _better(self, progress, actor, counter, score):
+        """The `Best` after an evaluation of ``actor`` with that score."""
         if np.float32(score) < progress.best.score:
             return progress.best
-        actor = jax.tree.map(jnp.copy, self.agent.policy(progress.loop.learner))
-        return Best(actor=actor, score=jnp.float32(score), step=jnp.copy(progress.loop.counter))
+        # A copy, since the loop's own arrays are donated to the next chunk.
+        return Best(actor=jax.tree.map(jnp.copy, actor), score=jnp.float32(score), step=jnp.int32(counter))
 
     def restore(self):
         """The newest `Progress` of the run."""
         folder = self.folder / "checkpoints"
         if not folder.is_dir():
             raise UserError(f"{self.folder} holds no checkpoint: train with --resume --out {self.folder} first")
-        return Checkpoints(folder).restore(self._like(), self._compared)[0]
+        progress, _ = Checkpoints(folder).restore(self._like(), self._compared)
+        return progress.replace(loop=self.layout.place(progress.loop))
 
     def actor(self, progress, which):
         """Actor parameters: ``which`` is last or best; UserError if there was no evaluation yet to be best in."""
         if which == "best" and progress.best.score < 0:
             raise UserError(f"{self.folder} has no best policy before its first evaluation: give --policy last")
-        return progress.best.actor if which == "best" else self.agent.policy(progress.loop.learner)
+        return progress.best.actor if which == "best" else self.layout.local(self.agent.policy(progress.loop.learner))
 
     def record(self, actor, seed, scenes, episodes):
         """Recorded evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
@@ -233,17 +280,20 @@ class Run:
         """(progress, wall seconds before, bytes of metrics.jsonl that belong to it)."""
         if self.config.resume and checkpoints.latest_step() is not None:
             progress, meta = checkpoints.restore(self._like(), self._compared)
+            progress = progress.replace(loop=self.layout.place(progress.loop))
             return progress, meta["wall_seconds"], meta["metrics_bytes"]
-        return jax.jit(self._init)(), 0.0, 0
+        loop, best = self.layout.start(self._init)
+        return Progress(loop=loop, best=best), 0.0, 0
 
     def _init(self):
         loop = self.trainer.init(jax.random.key(self.config.seed), self._hyper)
         # A copy, since the loop's own arrays are donated to the next chunk.
         actor = jax.tree.map(jnp.copy, self.agent.policy(loop.learner))
-        return Progress(loop=loop, best=Best(actor=actor, score=jnp.float32(-1.0), step=jnp.int32(0)))
+        return loop, Best(actor=actor, score=jnp.float32(-1.0), step=jnp.int32(0))
 
     def _like(self):
-        return jax.eval_shape(self._init)
+        loop, best = jax.eval_shape(self._init)
+        return Progress(loop=loop, best=best)
 
     def _line(self, metrics, counter):
         ended, arrived = metrics.pop("episodes_ended"), metrics.pop("episodes_arrived")
@@ -269,8 +319,10 @@ class Run:
             )
 
     def _open(self, path):
+        """metrics.jsonl, to be appended to; what other processes than the first append goes nowhere."""
         try:
-            return open(path, "ab", buffering=0)  # so that closing it after a failure can't fail again
+            # Without a buffer, so that closing it after a failure can't fail again.
+            return open(path if is_first() else os.devnull, "ab", buffering=0)
         except OSError as error:
             raise UserError(f"{path} can't be opened ({error.strerror}): {remedy(error)}") from error
 

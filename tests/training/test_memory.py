@@ -36,6 +36,14 @@ def test_replay_and_its_copy_have_to_fit(machine, tiny, tmp_path):
         memory.check_memory(tiny(tmp_path, replay_rows=101), TRANSITION)
 
 
+def test_a_device_holds_its_share_of_replay_and_the_whole_copy(machine, tiny, tmp_path):
+    row = TRANSITION * tiny(tmp_path).train.episodes
+    machine(total=10**12, accelerator=125 * row)
+    memory.check_memory(tiny(tmp_path, replay_rows=100), TRANSITION, share=0.25)
+    with pytest.raises(UserError, match=r"give at most 100$"):
+        memory.check_memory(tiny(tmp_path, replay_rows=101), TRANSITION, share=0.25)
+
+
 def test_a_row_that_does_not_fit_asks_for_fewer_episodes(machine, tiny, tmp_path):
     machine(total=1000)
     with pytest.raises(UserError, match=r"give fewer train\.episodes$"):
