@@ -100,11 +100,13 @@ class _TrainOptions(Generic[_Config]):
             0: not parted, on one device.
         distributed: be one of several processes, whose devices count together, as Slurm or Kubernetes say, or
             JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID.
+        from_sweep: folder of a sweep, whose winner is the default of all other options.
     """
 
     config: Annotated[_Config, tyro.conf.arg(name="")]
     devices: int = 0
     distributed: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    from_sweep: str = ""
 
 
 def _train(arguments):
@@ -112,7 +114,11 @@ def _train(arguments):
     from .training.devices import is_first, join_processes, layout_on, together
     from .training.run import Interrupted, Run
 
-    default = preset(_option(arguments, "--preset") or "quick", _option(arguments, "--algo") or "hsac")
+    folder = _option(arguments, "--from-sweep")
+    if folder is not None:
+        default = _winner(folder, arguments)
+    else:
+        default = preset(_option(arguments, "--preset") or "quick", _option(arguments, "--algo") or "hsac")
     if not {"-h", "--help"} & set(arguments):
         _check_algorithm(arguments, default.algo)
     scene = _option(arguments, "--scene")
@@ -165,6 +171,18 @@ def _finish(run, progress, console):
         f"trained in {run.metrics()[-1]['wall_seconds']:.0f} s; everything is in {run.folder}/: {', '.join(names)}",
         soft_wrap=True,
     )
+
+
+def _winner(folder, arguments):
+    """The run of a sweep's winner. UserError: there is none, or options say that it is another."""
+    from .cli_sweep import winner
+
+    for option in ("--preset", "--algo"):
+        if _option(arguments, option) is not None:
+            raise UserError(
+                f"{option} is {_option(arguments, option)} beside --from-sweep {folder}: give one of the two"
+            )
+    return winner(folder)
 
 
 def _check_algorithm(arguments, algo):

@@ -84,14 +84,17 @@ def _sweep(file, arguments):
     enable_compilation_cache()
     name = pathlib.Path(file).stem
     folder = pathlib.Path(options.out or f"runs/sweeps/{name}")
-    _prepare(folder, name, found, options)
-    store = Store(folder, name, options.storage)
-    engine = OnRay(options.address, found.populations * len(found.combinations)) if options.engine == "ray" else Local()
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
-    console.print(f"sweep {name} in {folder}: {found.trials} trials in populations of {found.members}")
-    with contextlib.closing(engine), _shown(found, console) as show:
-        search.run(found, name, folder, store, engine, show)
-    return _report(folder)
+    # What others have to answer comes first: nothing is written if they don't.
+    populations = found.populations * len(found.combinations)
+    with contextlib.closing(OnRay(options.address, populations) if options.engine == "ray" else Local()) as engine:
+        store = Store(folder, name, options.storage) if options.storage else None
+        _prepare(folder, name, found, options)
+        store = store or Store(folder, name)
+        console.print(f"sweep {name} in {folder}: {found.trials} trials in populations of {found.members}")
+        with _shown(found, console) as show:
+            search.run(found, name, folder, store, engine, show)
+    _report(folder)
 
 
 def _prepare(folder, name, found, options):
@@ -136,19 +139,14 @@ def _read(path, otherwise):
 
 
 def _report(folder):
+    from .sweep import report
     from .sweep.results import PHASES, Results
     from .sweep.store import Store
 
     kept = _read(folder / "sweep.json", "give the folder of one")
     store = Store(folder, kept["name"], kept["storage"])
     phases = {phase: store.trials(phase) for phase in PHASES}
-    _write(Results(kept["name"], kept["identity"], kept["budget"], phases, kept["runs"]), folder)
-
-
-def _write(results, folder):
-    from .sweep import report
-
-    report.write(results, folder)
+    report.write(Results(kept["name"], kept["identity"], kept["budget"], phases, kept["runs"]), folder)
     print((folder / "summary.md").read_text(), end="")
 
 

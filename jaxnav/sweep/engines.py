@@ -1,6 +1,7 @@
 """Where the populations of a sweep train: in this process, or in Ray's, one population after another in each."""
 
 import contextlib
+import logging
 import socket
 
 import jax
@@ -45,8 +46,11 @@ class OnRay:
             try:
                 _answers(address)
                 ray.init(
-                    address=address or None, logging_level="ERROR", log_to_driver=False, runtime_env=_environment()
-                )  # fmt: skip
+                    address=address or None,
+                    logging_level=logging.ERROR,
+                    log_to_driver=False,
+                    runtime_env=_environment(),
+                )
             except (ConnectionError, ValueError, RuntimeError, OSError) as error:
                 text = str(error).strip().splitlines()[0]
                 raise UserError(

@@ -148,11 +148,13 @@ def _counts(summary):
 
 
 def _provenance(summary):
-    found = summary["provenance"]
-    lines = [f"{name} {version}" for name, version in found.get("versions", {}).items() if version]
-    return [
-        "## Made with", "",
-        f"- {_text(', '.join(lines))}",
-        f"- commit {_text(found.get('git_commit') or 'unknown')}",
-        f"- {_text(found.get('device') or 'an unknown device')}",
-    ]  # fmt: skip
+    lines = ["## Made with", ""]
+    for run in summary["runs"]:
+        versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items() if version)
+        commit = _text(run["git_commit"] or "unknown")
+        lines.append(f"- {_text(run['device'])}; commit {commit}; {_text(versions)}")
+    lines.append("")
+    for phase, devices in summary["devices"].items():
+        counts = ", ".join(f"{count} ended on {_text(device)}" for device, count in devices.items())
+        lines.append(f"- {phase}: {counts}")
+    return lines

@@ -14,6 +14,12 @@ def is_measured(trial):
     return trial.objective is not None and math.isfinite(trial.objective)
 
 
+def better_first(trial, sign):
+    """A key that sorts trials of the same length, the best first: of equals, who has been as good sooner."""
+    known = [row["objective"] for row in trial.curve if row["objective"] is not None]
+    return -sign * trial.objective, -sign * sum(known) / max(1, len(known)), trial.number
+
+
 def sign(results):
     """1 where most of the objective is best, -1 where least of it is."""
     return 1 if results.identity["direction"] == "maximize" else -1
@@ -42,9 +48,10 @@ def env_steps(trial):
 
 def ranked(results) -> list[Any]:
     """Trials of the search with an objective, the furthest first, and of those as far the best; no broken ones."""
-    better = -sign(results)
     known = [trial for trial in _trials(results, "search") if trial.state != "broken" and is_measured(trial)]
-    return sorted(known, key=lambda trial: (-env_steps(trial), trial.state != "complete", better * trial.objective))
+    return sorted(
+        known, key=lambda trial: (-env_steps(trial), trial.state != "complete", better_first(trial, sign(results)))
+    )
 
 
 def completed(results):

@@ -1,5 +1,6 @@
 """The answer of a sweep: which values won, how certain that is, what mattered, and what it cost."""
 
+import collections
 import io
 import json
 import pathlib
@@ -73,7 +74,12 @@ def summarise(results: Results) -> dict[str, Any]:
         },
         "best": [_searched(trial) for trial in progress.ranked(results)[:10]],
         "budget": dict(results.budget),
-        "provenance": results.provenance,
+        "runs": results.runs,
+        "devices": {
+            phase: dict(collections.Counter(trial.device for trial in trials if trial.device))
+            for phase, trials in results.phases.items()
+            if trials
+        },
     }
     return {"answer": answer(summary), **summary}
 

@@ -15,7 +15,8 @@ from typing import Any
 
 from ..errors import UserError
 from .judge import CONFIRM_SEED, SEARCH_SEED
-from .results import PHASES, Results, Trial
+from .progress import better_first
+from .results import PHASES, Results
 from .spec import Sweep
 from .store import Place, Store, distributions
 from .worker import Fill, Unit
@@ -141,12 +142,6 @@ def _again(sweep, store):
     best = sorted(done, key=lambda trial: better_first(trial, sign))[: sweep.confirm]
     candidates = [(None, base), *((trial.number, trial.values) for trial in best)]
     return [Job(values, FRESH_SEED + i, of) for i in range(sweep.seeds) for of, values in candidates]
-
-
-def better_first(trial: Trial, sign):
-    """A key that sorts trials of the same length, the best first: of equals, who has been as good sooner."""
-    known = [row["objective"] for row in trial.curve if row["objective"] is not None]
-    return -sign * trial.objective, -sign * sum(known) / len(known), trial.number
 
 
 def _sizes(sweep, jobs):
@@ -290,7 +285,9 @@ def _fill(sweep, phase, study):
         if (unit.name, slot) not in taken
     ]  # fmt: skip
     turn = max((places[t.number].turn + len(t.curve) for t in trials), default=0)
-    propose = phase.proposals(study, trials) if free else None
+    if not free:
+        return
+    propose = phase.proposals(study, trials)
     for slot, unit, sizes in free:
         job = propose(sizes, number)
         if job is None:

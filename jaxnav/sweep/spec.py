@@ -118,7 +118,8 @@ class Sweep:
         """The values of ``base`` by the names that are searched."""
         base = resolve(self.base)  # rewards of the scene are those of the world, unless said otherwise
         sizes = {name: get(base, name) for name in self.sizes}
-        return sizes | {name: float(get(base, name)) for name in self.space}
+        floats: dict[str, Any] = {name: get(base, name) for name in self.space}
+        return sizes | {name: float(value) for name, value in floats.items()}
 
     def configuration(self, values):
         """The `RunConfig` of a trial with those values, resolved."""

@@ -129,7 +129,7 @@ class Worker:
     def _take_up(self, unit, round, fills):
         """The population after the last checkpoint that is not ahead of ``round``, or at its start."""
         population, _ = self._program(unit)
-        population.check_memory("members", sum(_bytes(held.loop) for held in self._held.values()))
+        population.check_memory("members")
         folder = pathlib.Path(unit.folder)
         if folder.is_dir():
             checkpoints = Checkpoints(folder)
@@ -177,10 +177,6 @@ class Worker:
             }  # fmt: skip
             Checkpoints(pathlib.Path(unit.folder)).save(held.round, loop, meta)
             held.saved = time.monotonic()
-
-
-def _bytes(tree):
-    return sum(leaf.nbytes for leaf in jax.tree.leaves(tree))
 
 
 def _identity(unit, fills, rounds):

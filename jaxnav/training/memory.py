@@ -30,6 +30,14 @@ def check_memory(config, bytes_per_transition, share=1.0):
     )
 
 
+def free_memory():
+    """Bytes of `available_memory` that nobody has yet."""
+    stats = jax.devices()[0].memory_stats() or {}
+    if "bytes_limit" in stats:
+        return stats["bytes_limit"] - stats["bytes_in_use"]
+    return min(available_memory(), psutil.virtual_memory().available)
+
+
 def available_memory():
     """Bytes of the device that trains: of an accelerator its own, of a CPU the machine's or its container's."""
     stats = jax.devices()[0].memory_stats() or {}  # none of a CPU

@@ -16,7 +16,7 @@ from ..agents.replay import select
 from ..errors import UserError
 from .config import RunConfig
 from .loop import LoopState, Trainer, member_axes
-from .memory import available_memory
+from .memory import free_memory
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Population:
         return self._refill(loop, self._begin(_keys(seeds), self._spread(hyper), loop.scene), jnp.asarray(slots))
 
     def train(
-        self, loop, hyper, steps, report=lambda steps, metrics: None, before=(), own=None, since=0
+        self, loop, hyper, steps, report=lambda steps, metrics: None, before=(), own=None, since: Any = 0
     ):  # fmt: skip
         """(loop, `Trained`) after training until ``steps`` steps of all episodes have been played.
 
@@ -137,18 +137,15 @@ class Population:
     @functools.cached_property
     def bytes_needed(self):
         """Of the device's memory while it trains: the members and what their program needs beside them. Compiles it."""
-        found = self._chunk.memory_analysis()
+        found: Any = self._chunk.memory_analysis()
         return (
             found.argument_size_in_bytes + found.output_size_in_bytes - found.alias_size_in_bytes
             + found.temp_size_in_bytes
         )  # fmt: skip
 
-    def check_memory(self, name, taken=0):
-        """UserError, before anything is allocated, if the device has too little.
-
-        name: of the number of members; taken: bytes of it that other populations have.
-        """
-        free = available_memory() - taken
+    def check_memory(self, name):
+        """UserError, before anything is allocated, if too little memory is free. name: of the number of members."""
+        free = free_memory()
         if self.bytes_needed <= free:
             return
         fits = int(self.members * free // self.bytes_needed)

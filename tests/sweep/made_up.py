@@ -97,11 +97,9 @@ def results(search=(), confirm=(), guard=(), known=None, trials=None, confirmati
         identity=known or identity(),
         budget={"trials": len(search) if trials is None else trials, "confirm": confirmations, "seeds": seeds},
         phases={"search": list(search), "confirm": list(confirm), "guard": list(guard)},
-        provenance={
-            "versions": {"python": "3.11.9", "jax": "0.10.0"},
-            "git_commit": "0123abc",
-            "device": "cpu, 2 cores",
-        },
+        runs=[
+            {"versions": {"python": "3.11.9", "jax": "0.10.0"}, "git_commit": "0123abc", "device": "cpu, 2 cores"},
+        ],
     )
 
 

@@ -82,5 +82,5 @@ def test_a_cluster_of_two_finds_what_one_process_finds_though_a_worker_is_killed
 
 
 def test_a_cluster_that_is_not_there_is_named():
-    with pytest.raises(UserError, match="--address is '127.0.0.1:9': no Ray cluster answers there.*ray start --head"):
+    with pytest.raises(UserError, match=r"--address is .127.0.0.1:9.: no Ray cluster answers there.*ray start --head"):
         OnRay("127.0.0.1:9", 1)

@@ -153,8 +153,9 @@ def test_memory_is_known_before_the_start(population, monkeypatch):
     assert state < population.bytes_needed < 20 * state
     population.check_memory("members")
     each = population.bytes_needed / 4
-    monkeypatch.setattr("jaxnav.training.population.available_memory", lambda: int(2.5 * each))
+    monkeypatch.setattr("jaxnav.training.population.free_memory", lambda: int(2.5 * each))
     with pytest.raises(UserError, match=r"^members is 4: 4 members need [\d.]+ GB, [\d.]+ are free: at most 2 fit$"):
         population.check_memory("members")
+    monkeypatch.setattr("jaxnav.training.population.free_memory", lambda: int(0.5 * each))
     with pytest.raises(UserError, match=r"give fewer train\.episodes"):
-        population.check_memory("members", taken=2 * each)
+        population.check_memory("members")
