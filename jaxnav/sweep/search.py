@@ -173,6 +173,7 @@ def _listed(jobs):
 
 def _play(sweep, phase, study, engine, report):
     """Train all trials of a phase, in turns that all populations take together."""
+    _check_members(sweep, study)
     while True:
         trials, places = study.trials(), study.places()
         # Trials that are behind are those that a kill kept from being told of: nothing is decided without them.
@@ -201,15 +202,19 @@ def _play(sweep, phase, study, engine, report):
                     study.report(trial, *_row(sweep, unit, trial, places[trial.number].slot, result, len(there)))
 
 
+def _check_members(sweep, study):
+    """UserError: a sweep goes on with fewer slots than trials still train in."""
+    for trial, place in zip(study.trials(), study.places().values(), strict=True):
+        if trial.state == "running" and place.slot >= sweep.members:
+            raise UserError(
+                f"members is {sweep.members}, but trial {trial.number} trains in slot {place.slot} of its population: "
+                "give as many as before until it has ended"
+            )
+
+
 def _jobs(phase, trials, places, behind):
     """(unit, round, fills) of the populations of trials that are to go a round further."""
     jobs = []
-    for trial in behind.values():
-        if places[trial.number].slot >= phase.units[0][0].members:
-            raise UserError(
-                f"members is {phase.units[0][0].members}, but trial {trial.number} trains in slot "
-                f"{places[trial.number].slot} of its population: give as many as before until it has ended"
-            )
     for unit, _ in phase.units:
         there = [trial for trial in trials if places[trial.number].unit == unit.name]
         rounds = {places[trial.number].round + len(trial.curve) for trial in there if trial.number in behind}
@@ -241,13 +246,28 @@ def _row(sweep, unit, trial, slot, result, members):
     broken, scenes = result.broken[slot], result.scenes[slot]
     return step, {
         "env_steps": step * unit.config.train.episodes,
-        "objective": None if broken else float(sweep.objective(scenes)),
+        "objective": None if broken else _objective(sweep, scenes),
         "scenes": scenes,
         "losses": result.losses[slot],
         "broken": broken,
         "seconds": round(result.seconds / members, 3),
         "device": result.device,
     }
+
+
+def _objective(sweep, scenes):
+    """A finite number. UserError: somebody's function gives none."""
+    name = sweep.objective.__name__
+    try:
+        value = float(sweep.objective(scenes))
+    except Exception as error:  # whatever it may raise
+        raise UserError(
+            f"objective {name} failed ({type(error).__name__}: {error}): mend it in the sweep's file, then go on with "
+            "--resume"
+        ) from error
+    if not math.isfinite(value):
+        raise UserError(f"objective {name} is {value}: have it give a finite number, then go on with --resume")
+    return value
 
 
 def _decide(sweep, phase, study, trials):

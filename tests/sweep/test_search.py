@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from jaxnav.errors import UserError
 from jaxnav.sweep import search
 from jaxnav.sweep.results import PHASES
 from jaxnav.sweep.store import Store, Study
@@ -138,6 +139,35 @@ def test_a_sweep_that_is_done_is_done(tmp_path, tiny_sweep, whole, made_up):
     asked = len(made_up.rounds)
     assert key(run(tiny_sweep(), tmp_path / "sweep", made_up)) == key(whole)
     assert len(made_up.rounds) == asked
+
+
+def nothing(scenes):
+    return float("nan")
+
+
+def wrong(scenes):
+    return scenes["moon"]
+
+
+@pytest.mark.parametrize(
+    ("objective", "message"),
+    [
+        (nothing, "objective nothing is nan: have it give a finite number"),
+        (wrong, r"objective wrong failed \(KeyError"),
+    ],
+)
+def test_an_objective_that_is_no_number_is_named(tmp_path, tiny_sweep, made_up, objective, message):
+    with pytest.raises(UserError, match=message):
+        run(tiny_sweep(objective=objective), tmp_path / "sweep", made_up)
+
+
+def test_fewer_slots_than_trials_that_train_are_refused(tmp_path, tiny_sweep, made_up):
+    with pytest.MonkeyPatch.context() as patch:
+        _killed_at(patch, 14)
+        with pytest.raises(Killed):
+            run(tiny_sweep(), tmp_path / "sweep", made_up)
+    with pytest.raises(UserError, match=r"members is 1, but trial .* trains in slot [12].*give as many as before"):
+        run(tiny_sweep(members=1), tmp_path / "sweep", made_up)
 
 
 def test_a_sweep_can_be_given_more_trials(tmp_path, tiny_sweep, made_up):
