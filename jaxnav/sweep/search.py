@@ -6,50 +6,16 @@ was killed draws them again. Halving is that of Li et al. 2020 ("A system for ma
 tuning", ASHA), decided for all at once that have come to a rung.
 """
 
-import dataclasses
 import json
 import math
 import pathlib
-from collections.abc import Callable
-from typing import Any
 
 from ..errors import UserError
-from .judge import CONFIRM_SEED, SEARCH_SEED
-from .progress import better_first
+from . import phases
 from .results import PHASES, Results
 from .spec import Sweep
-from .store import Place, Store, distributions
-from .worker import Fill, Unit
-
-FRESH_SEED = 1_000_000  # of the first training that confirms; no trial of a search comes so far
-
-
-@dataclasses.dataclass(frozen=True)
-class Job:
-    """A trial that is to begin: its values by dotted name, sizes included, its seed, and whose values they are."""
-
-    values: dict[str, Any]
-    seed: int
-    of: int | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Phase:
-    """One of the sweep's.
-
-    units: its populations, with the sizes that each is compiled for; total_steps: of a trial; rungs: where the worst
-    are stopped; reaches: success in every scene, with which a trial ends; kinds: distributions of the values;
-    proposals: a function (study, trials) -> a function (sizes, number of the next trial) -> `Job`, or None if nobody
-    is to begin with these sizes.
-    """
-
-    name: str
-    units: list[tuple[Unit, dict]]
-    total_steps: int
-    kinds: dict
-    proposals: Callable
-    rungs: tuple[int, ...] = ()
-    reaches: float | None = None
+from .store import Place, Store
+from .worker import Fill
 
 
 def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, report=lambda results, state: None):
@@ -57,7 +23,7 @@ def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, rep
 
     report: called with `Results` and a line on what is going on, after each round.
     """
-    for make in (_search, _confirm, _guard):
+    for make in (phases.search, phases.confirm, phases.guard):
         phase = make(sweep, folder, store)
         if phase is not None and phase.units:
             study = store.open(phase.name, sweep)
@@ -68,107 +34,8 @@ def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, rep
 def results(sweep: Sweep, name, store: Store):
     """What is in the store."""
     budget = {field: getattr(sweep, field) for field in ("trials", "confirm", "seeds")}
-    phases = {phase: store.trials(phase) for phase in PHASES}
-    return Results(name, json.loads(json.dumps(sweep.identity())), budget, phases)
-
-
-def _search(sweep, folder, store):
-    base = sweep.base_values()
-    allowed = all(found.low <= base[name] <= found.high for name, found in sweep.space.items())
-
-    def proposals(study, trials):
-        sampler = study.sampler(sweep.seed, startup=max(10, sweep.members))
-        had = any(trial.values == base for trial in trials)
-
-        def propose(sizes, number):
-            nonlocal had
-            if number >= sweep.trials:
-                return None
-            fixed = sizes
-            if allowed and not had and sizes == {name: base[name] for name in sizes}:
-                fixed, had = base, True  # what everything is compared with is one of the trials
-            return Job(sampler.ask(number, kinds, fixed), sweep.base.seed + number)
-
-        return propose
-
-    kinds = distributions(sweep)
-    config, steps = sweep.base, sweep.base.train.total_steps
-    units = _units(sweep, folder, "search", config, sweep.combinations, sweep.populations, SEARCH_SEED, "validation")
-    return Phase("search", units, steps, kinds, proposals, sweep.rungs)
-
-
-def _confirm(sweep, folder, store):
-    if not sweep.confirm:
-        return None
-    jobs = _again(sweep, store)
-    units = _units(sweep, folder, "confirm", sweep.base, _sizes(sweep, jobs), 1, CONFIRM_SEED, "test")
-    return Phase("confirm", units, sweep.base.train.total_steps, distributions(sweep, jobs), _listed(jobs))
-
-
-def _guard(sweep, folder, store):
-    guard = sweep.guard
-    if guard is None or not sweep.confirm:
-        return None
-    jobs = _again(sweep, store)
-    train = dataclasses.replace(sweep.base.train, total_steps=guard.total_steps)
-    config = dataclasses.replace(sweep.base, scene=guard.scene, train=train)
-    units = _units(
-        sweep, folder, "guard", config, _sizes(sweep, jobs), 1, CONFIRM_SEED, "test", guard.every
-    )  # fmt: skip
-    kinds = distributions(sweep, jobs)
-    return Phase("guard", units, guard.total_steps, kinds, _listed(jobs), reaches=guard.reaches)
-
-
-def _units(sweep, folder, phase, base, combinations, each, seed, phrases, steps=None):
-    units = []
-    for sizes in combinations:
-        config = dataclasses.replace(sweep, base=base).configuration(sizes)
-        for _ in range(each):
-            name = f"{phase}-{len(units)}"
-            where = str((folder / "populations" / name).resolve())
-            unit = Unit(
-                name, config, sweep.members, tuple(sweep.space), steps or sweep.round_steps, sweep.episodes, seed,
-                phrases, where,
-            )  # fmt: skip
-            units.append((unit, sizes))
-    return units
-
-
-def _again(sweep, store):
-    """Who is trained again with fresh seeds: base, and the best of the search."""
-    sign = 1 if sweep.direction == "maximize" else -1
-    base = sweep.base_values()
-    done = [trial for trial in store.trials("search") if trial.state == "complete" and trial.values != base]
-    best = sorted(done, key=lambda trial: better_first(trial, sign))[: sweep.confirm]
-    candidates = [(None, base), *((trial.number, trial.values) for trial in best)]
-    return [Job(values, FRESH_SEED + i, of) for i in range(sweep.seeds) for of, values in candidates]
-
-
-def _sizes(sweep, jobs):
-    found = []
-    for job in jobs:
-        sizes = {name: job.values[name] for name in sweep.sizes}
-        if sizes not in found:
-            found.append(sizes)
-    return found
-
-
-def _listed(jobs):
-    """Proposals that are known beforehand."""
-
-    def proposals(study, trials):
-        waiting = [job for job in jobs if (job.of, job.seed) not in {(trial.of, trial.seed) for trial in trials}]
-
-        def propose(sizes, number):
-            for job in waiting:
-                if all(job.values[name] == value for name, value in sizes.items()):
-                    waiting.remove(job)
-                    return job
-            return None
-
-        return propose
-
-    return proposals
+    found = {phase: store.trials(phase) for phase in PHASES}
+    return Results(name, json.loads(json.dumps(sweep.identity())), budget, found)
 
 
 def _play(sweep, phase, study, engine, report):

@@ -6,6 +6,7 @@ import pytest
 
 from jaxnav.errors import UserError
 from jaxnav.sweep import search
+from jaxnav.sweep.phases import FRESH_SEED
 from jaxnav.sweep.results import PHASES
 from jaxnav.sweep.store import Store, Study
 
@@ -83,7 +84,7 @@ def test_the_best_are_confirmed_beside_base_with_the_same_fresh_seeds(whole, tin
     trials = whole.phases["confirm"]
     seeds = {of: sorted(t.seed for t in trials if t.of == of) for of in (None, *best)}
     assert len(trials) == 9 and {t.of for t in trials} == set(seeds)
-    assert all(found == [search.FRESH_SEED + i for i in range(3)] for found in seeds.values())
+    assert all(found == [FRESH_SEED + i for i in range(3)] for found in seeds.values())
     for trial in trials:
         assert trial.state == "complete" and len(trial.curve) == 4
         of = next((t.values for t in done if t.number == trial.of), sweep.base_values())

@@ -5,12 +5,12 @@ import shutil
 
 import pytest
 
-from jaxnav.sweep import search
+from jaxnav.sweep import phases
 from jaxnav.sweep.worker import Fill, Worker
 
 
 def unit(sweep, folder):
-    (found, _), *_ = search._units(sweep, folder, "search", sweep.base, [{}], 1, 0, "validation")
+    (found, _), *_ = phases.populations(sweep, folder, "search", sweep.base, [{}], 1, 0, "validation")
     return found
 
 
