@@ -7,6 +7,7 @@ _STARTED = time.monotonic()  # training time counts from the start of the proces
 import dataclasses
 import json
 import os
+import shlex
 import sys
 from typing import Annotated, Generic, TypeVar
 
@@ -38,7 +39,7 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   jaxnav train --algo td3                          a baseline that steers and is silent: td3, ppo or a2c
   jaxnav train --scene map.yaml --out runs/mine    your own building, a ROS map
   jaxnav train --resume --out runs/quick-0         go on after an interruption
-  jaxnav sweep experiments/sweeps/hard.py --trials 60
+  jaxnav sweep experiments/sweeps/hard.py --trials 60 --members 8
   jaxnav train --from-sweep runs/sweeps/hard       train with what a sweep has found
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
   jaxnav export runs/quick-0 --onnx
@@ -70,11 +71,10 @@ def main(arguments: list[str] | None = None) -> None:
     except UserError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        goes_on = (
-            f"; jaxnav {arguments[0]} --resume with the same options goes on"
-            if arguments[0] in ("train", "sweep")
-            else ""
-        )
+        goes_on = {
+            "train": "; jaxnav train --resume with the same options goes on",
+            "sweep": f"; jaxnav {shlex.join(a for a in arguments if a != '--resume')} --resume goes on",
+        }.get(arguments[0], "")
         print(f"interrupted{goes_on}", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:  # who reads our output has had enough

@@ -2,11 +2,14 @@
 
 import contextlib
 import dataclasses
+import fcntl
 import json
 import pathlib
 import time
+import uuid
 from typing import Annotated, Literal
 
+import jax
 import tyro
 from rich.console import Console
 from rich.live import Live
@@ -48,18 +51,17 @@ class _Options:
 
 def sweep(arguments):
     """jaxnav sweep."""
-    if "--report" in " ".join(arguments):
+    if any(argument.partition("=")[0] == "--report" for argument in arguments):
         options = parse(_Options, arguments, "sweep")
-        if options.file:
-            raise UserError(f"--report is {options.report} beside {options.file}: give one of the two")
+        if dataclasses.replace(options, report="") != _Options():
+            raise UserError(f"--report is {options.report} beside other options: it takes none, and no file")
         return _report(pathlib.Path(options.report))
-    file = next((argument for argument in arguments if argument.endswith(".py")), None)
-    if file is None:
+    if not arguments or arguments[0].startswith("-"):
         if not {"-h", "--help"} & set(arguments):
-            raise UserError("give the Python file that declares a sweep (jaxnav sweep --help explains it)")
+            raise UserError("give the Python file that declares a sweep, before all options")
         parse(_Options, arguments, "sweep")
         return None
-    return _sweep(file, arguments)
+    return _sweep(arguments[0], arguments)
 
 
 def _sweep(file, arguments):
@@ -81,52 +83,72 @@ def _sweep(file, arguments):
     spec.check(found)
     if options.address and options.engine != "ray":
         raise UserError(f"--address is {options.address} with --engine local: give --engine ray")
+    if options.engine == "ray":
+        jax.config.update("jax_platforms", "cpu")  # of this process alone: accelerators are the workers'
     enable_compilation_cache()
     name = pathlib.Path(file).stem
     folder = pathlib.Path(options.out or f"runs/sweeps/{name}")
+    kept = _checked(folder, name, found, options)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     # What others have to answer comes first: nothing is written if they don't.
     populations = found.populations * len(found.combinations)
     with contextlib.closing(OnRay(options.address, populations) if options.engine == "ray" else Local()) as engine:
-        store = Store(folder, name, options.storage) if options.storage else None
-        _prepare(folder, name, found, options)
-        store = store or Store(folder, name)
-        console.print(f"sweep {name} in {folder}: {found.trials} trials in populations of {found.members}")
-        with _shown(found, console) as show:
-            search.run(found, name, folder, store, engine, show)
-    _report(folder)
+        store = Store(folder, kept["studies"], options.storage) if options.storage else None
+        _keep(folder, kept)
+        with _alone(folder):
+            store = store or Store(folder, kept["studies"], mend=True)
+            console.print(f"sweep {name} in {folder}: {found.trials} trials in populations of {found.members}")
+            with _shown(found, console) as show:
+                search.run(found, folder, store, engine, show)
+    return _report(folder)
 
 
-def _prepare(folder, name, found, options):
-    """Make the sweep's folder, or check that it holds the sweep to resume."""
+def _checked(folder, name, found, options):
+    """What sweep.json is to say. UserError: the folder holds something else than what is asked for."""
     path = folder / "sweep.json"
+    # In a database there may be other sweeps of the same name.
+    studies = f"{name}-{uuid.uuid4().hex[:8]}" if options.storage else name
     budget = {field: getattr(found, field) for field in ("trials", "confirm", "seeds")}
-    value = {"name": name, "storage": options.storage, "identity": found.identity(), "budget": budget}
-    value, runs = json.loads(json.dumps(value)), []
+    value = {"name": name, "storage": options.storage, "identity": found.identity()}
+    value = json.loads(json.dumps(value))
     if options.resume:
         before = _read(path, "--resume starts nothing: leave it out to start one")
-        changed = differences(
-            {n: before[n] for n in ("storage", "identity")}, {n: value[n] for n in ("storage", "identity")}
-        )
+        changed = differences({n: before[n] for n in value}, value)
         if changed:
             raise UserError(
                 f"--out {folder} holds another sweep ({', '.join(changed[:5])} differ): give the same values to resume "
                 "it, or another --out"
             )
-        runs = before["runs"]
-    elif path.exists():
+        return before | {"budget": budget}
+    if path.exists():
         raise UserError(f"--out {folder} already holds a sweep: go on with --resume, or give another --out")
-    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserError(f"--out {folder} is not an empty folder: give another --out")
+    return value | {"studies": studies, "budget": budget, "runs": []}
+
+
+def _keep(folder, kept):
+    """Write sweep.json, with this start among its runs: what is said of each was true of it."""
+    path, runs = folder / "sweep.json", list(kept["runs"])
+    runs += [found for found in [provenance()] if found not in runs]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         whole = path.with_suffix(".tmp")
-        # A sweep may go on with another version, or elsewhere: what is said of each start was true of it.
-        runs += [found for found in [provenance()] if found not in runs]
-        whole.write_text(json.dumps(value | {"runs": runs}, indent=1) + "\n")
+        whole.write_text(json.dumps(kept | {"runs": runs}, indent=1) + "\n")
         whole.replace(path)
     except OSError as error:
         raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
+
+
+@contextlib.contextmanager
+def _alone(folder):
+    """UserError: another process runs the sweep of this folder; one that was killed does no longer."""
+    with open(folder / "sweep.lock", "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise UserError(f"--out {folder} is the sweep of a process that still runs: stop it first") from None
+        yield
 
 
 def _read(path, otherwise):
@@ -144,7 +166,7 @@ def _report(folder):
     from .sweep.store import Store
 
     kept = _read(folder / "sweep.json", "give the folder of one")
-    store = Store(folder, kept["name"], kept["storage"])
+    store = Store(folder, kept["studies"], kept["storage"])
     phases = {phase: store.trials(phase) for phase in PHASES}
     report.write(Results(kept["name"], kept["identity"], kept["budget"], phases, kept["runs"]), folder)
     print((folder / "summary.md").read_text(), end="")
@@ -157,7 +179,7 @@ def winner(folder):
     folder = pathlib.Path(folder)
     kept = _read(folder / "sweep.json", "give the folder of one to --from-sweep")
     summary = _read(folder / "summary.json", f"it isn't done: go on with jaxnav sweep FILE --resume --out {folder}")
-    if summary["winner"] is None:
+    if summary["winner"] is None or summary["budget"] != kept["budget"]:
         raise UserError(
             f"--from-sweep {folder} has no winner yet: go on with jaxnav sweep FILE --resume --out {folder}"
         )
@@ -194,7 +216,7 @@ def _shown(sweep, console):
 
 
 def _table(sweep, results, title):
-    """The best trials of the search, and of those that train."""
+    """The best trials of the search, those that came furthest first."""
     table = Table(title=title, title_justify="left")
     names = [*sweep.sizes, *sweep.space]
     for heading in ("trial", "state", "steps", sweep.objective.__name__, *(name.rpartition(".")[2] for name in names)):

@@ -108,7 +108,7 @@ def test_an_unfinished_sweep_has_no_winner(tmp_path, file, capsys, monkeypatch):
 
     monkeypatch.setattr("jaxnav.sweep.engines.Local", Stopped)
     code, _, error = call(capsys, "sweep", file, "--out", tmp_path / "sweep")
-    assert code == 130 and "jaxnav sweep --resume" in error
+    assert code == 130 and f"jaxnav sweep {file} --out {tmp_path / 'sweep'} --resume goes on" in error
     with pytest.raises(UserError, match="it isn't done: go on with jaxnav sweep FILE --resume"):
         winner(tmp_path / "sweep")
     assert call(capsys, "sweep", "--report", tmp_path / "sweep")[0] == 0
@@ -131,7 +131,8 @@ def test_an_unfinished_sweep_has_no_winner(tmp_path, file, capsys, monkeypatch):
         (["sweep", "FILE", "--storage", "trials"], "--storage is 'trials': give the URL of a database"),
         (["sweep", "FILE", "--storage", "mysql://nobody@127.0.0.1:9/x"], "can't be used"),
         (["sweep", "--report", "nowhere"], "nowhere holds no sweep: give the folder of one"),
-        (["sweep", "FILE", "--report", "nowhere"], "--report is nowhere beside"),
+        (["sweep", "FILE", "--report", "nowhere"], "--report is nowhere beside other options"),
+        (["sweep", "--trials", "4", "FILE"], "give the Python file that declares a sweep, before all options"),
         (["train", "--from-sweep", "nowhere"], "nowhere holds no sweep"),
     ],
 )
@@ -150,7 +151,7 @@ def test_a_folder_is_not_taken_from_what_is_in_it(tmp_path, file, capsys, made_u
     wrong = [
         (["--out", folder], "already holds a sweep: go on with --resume"),
         (["--out", folder, "--resume", "--seed", 9], "holds another sweep (identity.seed differ)"),
-        (["--out", folder, "--resume", "--storage", "sqlite:///x.db"], "holds another sweep (storage differ)"),
+        (["--out", folder, "--resume", "--storage", f"sqlite:///{tmp_path}/x.db"], "another sweep (storage differ)"),
         (["--out", tmp_path], "is not an empty folder"),
         (["--out", file], "is not an empty folder"),
     ]
@@ -158,15 +159,64 @@ def test_a_folder_is_not_taken_from_what_is_in_it(tmp_path, file, capsys, made_u
         code, _, error = call(capsys, "sweep", file, *arguments)
         assert code == 2 and message in error
     assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert not (tmp_path / "x.db").exists()
 
 
 def test_a_database_keeps_sweeps_apart(tmp_path, file, capsys, made_up_engine):
-    url = f"sqlite:///{tmp_path}/trials.db"
-    assert call(capsys, "sweep", file, "--out", tmp_path / "a", "--trials", 4, "--storage", url)[0] == 0
-    code, _, error = call(capsys, "sweep", file, "--out", tmp_path / "b", "--storage", url, "--seed", 9)
-    assert code == 2 and f"{url} is of another sweep (seed differ)" in error
-    found = numbers(tmp_path / "a") if (tmp_path / "a" / "store.log").exists() else None
-    assert found is None and len(Store(tmp_path / "a", "small", url).trials("search")) == 4
+    url, found = f"sqlite:///{tmp_path}/trials.db", []
+    for folder, trials in ((tmp_path / "a", 4), (tmp_path / "b", 5)):  # two people's, say
+        assert call(capsys, "sweep", file, "--out", folder, "--trials", trials, "--storage", url)[0] == 0
+        kept = json.loads((folder / "sweep.json").read_text())
+        found.append(len(Store(folder, kept["studies"], url).trials("search")))
+        assert not (folder / "store.log").exists()
+    assert found == [4, 5]
+    assert call(capsys, "sweep", file, "--out", folder, "--trials", 6, "--storage", url, "--resume")[0] == 0
+    assert len(Store(folder, kept["studies"], url).trials("search")) == 6
+
+
+def test_a_store_of_another_sweep_is_refused(tmp_path, file, capsys, made_up_engine):
+    for name, seed in (("a", 0), ("b", 9)):
+        assert call(capsys, "sweep", file, "--out", tmp_path / name, "--trials", 4, "--seed", seed)[0] == 0
+    (tmp_path / "a" / "store.log").rename(tmp_path / "b" / "store.log")
+    code, _, error = call(capsys, "sweep", file, "--out", tmp_path / "b", "--trials", 5, "--seed", 9, "--resume")
+    assert code == 2 and "store.log is of another sweep (seed differ): give the same values to go on" in error
+
+
+def test_a_file_that_was_renamed_is_another_sweep(tmp_path, file, capsys, made_up_engine):
+    folder = tmp_path / "sweep"
+    assert call(capsys, "sweep", file, "--out", folder, "--trials", 4)[0] == 0
+    code, _, error = call(capsys, "sweep", file.rename(tmp_path / "other.py"), "--out", folder, "--resume")
+    assert code == 2 and "holds another sweep (name differ)" in error
+
+
+def test_a_sweep_is_run_by_one_process_at_a_time(tmp_path, file, capsys, monkeypatch):
+    folder, errors = tmp_path / "sweep", []
+
+    class Second(MadeUp):
+        def advance(self, jobs, done=lambda: None):
+            if not errors:
+                errors.append("")
+                code, _, errors[0] = call(capsys, "sweep", file, "--out", folder, "--resume")
+                assert code == 2
+            return super().advance(jobs, done)
+
+    monkeypatch.setattr("jaxnav.sweep.engines.Local", Second)
+    assert call(capsys, "sweep", file, "--out", folder)[0] == 0
+    assert "is the sweep of a process that still runs: stop it first" in errors[0]
+
+
+def test_a_winner_of_before_is_none_of_now(tmp_path, file, capsys, monkeypatch, made_up_engine):
+    folder = tmp_path / "sweep"
+    assert call(capsys, "sweep", file, "--out", folder, "--trials", 12)[0] == 0
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(MadeUp, "advance", stopped)
+    code, _, error = call(capsys, "sweep", file, "--out", folder, "--trials", 20, "--resume")
+    assert code == 130 and f"jaxnav sweep {file} --out {folder} --trials 20 --resume goes on" in error
+    with pytest.raises(UserError, match="has no winner yet"):
+        winner(folder)
 
 
 def test_a_full_disk_is_said_and_mended(tmp_path, file, capsys, monkeypatch, made_up_engine):
@@ -191,5 +241,5 @@ def test_a_full_disk_is_said_and_mended(tmp_path, file, capsys, monkeypatch, mad
     assert call(capsys, "sweep", file, "--out", folder, "--resume")[0] == 0
     (tmp_path / "whole").mkdir()
     sweep = dataclasses.replace(SWEEP, sizes={}, guard=None, confirm=0)
-    search.run(sweep, "small", tmp_path / "whole", Store(tmp_path / "whole", "small"), MadeUp())
+    search.run(sweep, tmp_path / "whole", Store(tmp_path / "whole", "small"), MadeUp())
     assert numbers(folder) == numbers(tmp_path / "whole")

@@ -39,6 +39,13 @@ class Judge:
             example = self._policies, self._agent.spoken("validation"), np.uint32(0)
             self._compiled = self._all.lower(*example).compile()
 
+    @property
+    def bytes_needed(self):
+        """Of the device's memory while it plays. Compiles it."""
+        self.compile()
+        found = self._compiled.memory_analysis()
+        return found.output_size_in_bytes + found.temp_size_in_bytes
+
     def __call__(self, policies, seed, phrases):
         """Of each member its `metrics`. policies: `[members]`; phrases: the split from which people speak."""
         self.compile()

@@ -144,7 +144,13 @@ def _counts(summary):
         if found["asked"] or found["begun"]
     ]
     total = sum(hours.values())
-    return ["## Trials and cost", "", f"{total:.2f} device-hours.", "", *_table(["", *states, "device-hours"], rows)]
+    return [
+        "## Trials and cost",
+        "",
+        f"{total:.2f} device-hours, compilation aside.",
+        "",
+        *_table(["", *states, "device-hours"], rows),
+    ]
 
 
 def _provenance(summary):

@@ -2,15 +2,15 @@
 
 import dataclasses
 import pathlib
+import re
 from collections.abc import Callable
 from typing import Any
 
 from .judge import CONFIRM_SEED, SEARCH_SEED
 from .progress import better_first
+from .spec import FRESH_SEED
 from .store import Store, distributions
 from .worker import Unit
-
-FRESH_SEED = 1_000_000  # of the first training that confirms; no trial of a search comes so far
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,8 @@ def confirm(sweep, folder: pathlib.Path, store: Store) -> Phase | None:
     if not sweep.confirm:
         return None
     jobs = _again(sweep, store)
-    units = populations(sweep, folder, "confirm", sweep.base, _sizes(sweep, jobs), 1, CONFIRM_SEED, "test")
+    sizes = _sizes(sweep, jobs, store.trials("confirm"))
+    units = populations(sweep, folder, "confirm", sweep.base, sizes, 1, CONFIRM_SEED, "test")
     return Phase("confirm", units, sweep.base.train.total_steps, distributions(sweep, jobs), _listed(jobs))
 
 
@@ -87,7 +88,7 @@ def guard(sweep, folder: pathlib.Path, store: Store) -> Phase | None:
     train = dataclasses.replace(sweep.base.train, total_steps=asked.total_steps)
     config = dataclasses.replace(sweep.base, scene=asked.scene, train=train)
     units = populations(
-        sweep, folder, "guard", config, _sizes(sweep, jobs), 1, CONFIRM_SEED, "test", asked.every
+        sweep, folder, "guard", config, _sizes(sweep, jobs, store.trials("guard")), 1, CONFIRM_SEED, "test", asked.every
     )  # fmt: skip
     kinds = distributions(sweep, jobs)
     return Phase("guard", units, asked.total_steps, kinds, _listed(jobs), reaches=asked.reaches)
@@ -98,9 +99,11 @@ def populations(sweep, folder, phase, base, combinations, each, seed, phrases, s
     units = []
     for sizes in combinations:
         config = dataclasses.replace(sweep, base=base).configuration(sizes)
-        for _ in range(each):
-            name = f"{phase}-{len(units)}"
-            where = str((folder / "populations" / name).resolve())
+        # By what it is, not by its place among others: whoever goes on may have others.
+        label = "".join(f"-{name}={value}" for name, value in sizes.items())
+        for i in range(each):
+            name = re.sub(r"[^\w.=-]+", "_", f"{phase}{label}-{i}")
+            where = str((folder / "populations" / f"{name}-of-{sweep.members}").resolve())
             unit = Unit(
                 name, config, sweep.members, tuple(sweep.space), steps or sweep.round_steps, sweep.episodes, seed,
                 phrases, where,
@@ -119,9 +122,10 @@ def _again(sweep, store):
     return [Job(values, FRESH_SEED + i, of) for i in range(sweep.seeds) for of, values in candidates]
 
 
-def _sizes(sweep, jobs):
+def _sizes(sweep, jobs, trials):
+    """Those of who is to begin, and of who trains already, also if nobody would ask for them today."""
     found = []
-    for job in jobs:
+    for job in [*jobs, *(trial for trial in trials if trial.state == "running")]:
         sizes = {name: job.values[name] for name in sweep.sizes}
         if sizes not in found:
             found.append(sizes)

@@ -81,6 +81,8 @@ def missing(results) -> list[str]:
     for phase, words in zip(
         PHASES, ("trials of the search", "confirming trainings", "trainings of the guard"), strict=True
     ):
+        if phase != "search" and not _places(results, phase):
+            continue  # begun when it was still asked for
         running = sum(trial.state == "running" for trial in _trials(results, phase))
         found += [f"{running} {words} still run"] if running else []
     for phase, words in (("confirm", "confirmed"), ("guard", "seen by the guard")):

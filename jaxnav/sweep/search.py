@@ -18,7 +18,7 @@ from .store import Place, Store
 from .worker import Fill
 
 
-def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, report=lambda results, state: None):
+def run(sweep: Sweep, folder: pathlib.Path, store: Store, engine, report=lambda results, state: None):
     """Search, confirm and guard, from where the store is. Returns `Results`.
 
     report: called with `Results` and a line on what is going on, after each round.
@@ -27,15 +27,15 @@ def run(sweep: Sweep, name: str, folder: pathlib.Path, store: Store, engine, rep
         phase = make(sweep, folder, store)
         if phase is not None and phase.units:
             study = store.open(phase.name, sweep)
-            _play(sweep, phase, study, engine, lambda state: report(results(sweep, name, store), state))
-    return results(sweep, name, store)
+            _play(sweep, phase, study, engine, lambda state: report(results(sweep, store), state))
+    return results(sweep, store)
 
 
-def results(sweep: Sweep, name, store: Store):
+def results(sweep: Sweep, store: Store):
     """What is in the store."""
     budget = {field: getattr(sweep, field) for field in ("trials", "confirm", "seeds")}
     found = {phase: store.trials(phase) for phase in PHASES}
-    return Results(name, json.loads(json.dumps(sweep.identity())), budget, found)
+    return Results(store.name, json.loads(json.dumps(sweep.identity())), budget, found)
 
 
 def _play(sweep, phase, study, engine, report):
@@ -90,6 +90,7 @@ def _jobs(phase, trials, places, behind):
             fills = [
                 Fill(places[t.number].round, places[t.number].slot, t.seed, {n: t.values[n] for n in unit.floats})
                 for t in there
+                if places[t.number].slot < unit.members  # others have ended, when there were more slots
             ]
             jobs.append((unit, round, sorted(fills, key=lambda fill: fill.round)))
     return jobs

@@ -45,7 +45,7 @@ class Guard:
         total_steps: of all episodes, in which every scene has to reach the success.
         every: steps between two looks at it.
         reaches: success, in every scene at once.
-        slack: how many times the steps of ``base`` a winner may take, both as means over the seeds.
+        slack: the factor on the steps of ``base`` that a winner may take, both as means over the seeds.
     """
 
     scene: str = "all"
@@ -55,6 +55,7 @@ class Guard:
     slack: float = 1.1
 
 
+FRESH_SEED = 1_000_000  # of the first training that confirms; no trial of a search comes so far
 _CODE = tyro.conf.Suppress  # said in the file alone
 
 
@@ -129,8 +130,7 @@ class Sweep:
         return resolve(config)
 
     def identity(self):
-        """What must stay the same for a sweep to go on, as JSON; trials and confirmation may grow, and populations may
-        be of another size, on another machine."""
+        """What must stay the same for a sweep to go on, as JSON: all but trials, members, confirm and seeds."""
         free = {"space", "sizes", "objective", "guard", "trials", "members", "confirm", "seeds"}
         rest = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in free}
         base = to_json(self.base)
@@ -189,6 +189,10 @@ def load(path) -> Sweep:
 
 def check(sweep: Sweep):
     """UserError names the field that is wrong, its value and the remedy."""
+    if sweep.direction not in ("maximize", "minimize"):
+        raise UserError(f"direction is {sweep.direction!r}: give maximize or minimize")
+    if not callable(sweep.objective) or not hasattr(sweep.objective, "__name__"):
+        raise UserError(f"objective is {sweep.objective!r}: give a function of the metrics of every scene")
     if not sweep.space:
         raise UserError("space is empty: name at least one float, as in {'hyper.tau': Range(0.005, 0.03, log=True)}")
     for name, found in sweep.space.items():
@@ -197,8 +201,13 @@ def check(sweep: Sweep):
         _check_size(sweep, name, values)
     least = {"trials": 1, "members": 1, "populations": 1, "episodes": 1, "confirm": 0, "seeds": 1, "seed": 0}
     for name, low in least.items():
-        if not low <= getattr(sweep, name) < 2**31:
+        if not isinstance(getattr(sweep, name), int) or not low <= getattr(sweep, name) < 2**31:
             raise UserError(f"{name} is {getattr(sweep, name)}: give a whole number of at least {low}")
+    if sweep.base.seed + sweep.trials > FRESH_SEED:
+        raise UserError(
+            f"base.seed is {sweep.base.seed}, with {sweep.trials} trials: give a smaller one, since seeds from "
+            f"{FRESH_SEED} on are for those who confirm"
+        )
     if not 0 < sweep.keep < 1:
         raise UserError(f"keep is {sweep.keep}: give a share above 0 and below 1")
     steps, chunk = sweep.base.train.total_steps, sweep.base.train.steps_per_chunk
@@ -244,6 +253,8 @@ def _check_range(sweep, name, found):
             else "search hyper.* or world.params.reward_*, and vary tasks with base.world.randomise"
         )
         raise UserError(f"space has {name}, {kind}, which can't differ inside one population: {remedy}")
+    if not all(isinstance(end, int | float) for end in (found.low, found.high)):
+        raise UserError(f"space has {found!r} for {name}: give two numbers")
     if not (math.isfinite(found.low) and math.isfinite(found.high) and found.low < found.high):
         raise UserError(f"space has an empty range for {name}, {found.low} to {found.high}: give the lower end first")
     if found.log and found.low <= 0:
@@ -254,8 +265,8 @@ def _check_size(sweep, name, values):
     value = _known(sweep, name)
     if not name.startswith(("agent.", "train.")):
         raise UserError(f"sizes has {name}: give fields of agent or train; floats belong into space")
-    if name in ("train.total_steps", "train.steps_per_chunk", "train.episodes"):
-        raise UserError(f"sizes has {name}, in which trials are counted: change base.{name} instead")
+    if name in ("train.total_steps", "train.steps_per_chunk", "train.episodes", "train.checkpoint_seconds"):
+        raise UserError(f"sizes has {name}, which has to be the same for all: change base.{name} instead")
     if not isinstance(values, tuple) or not values or len(set(values)) < len(values):
         raise UserError(f"sizes has {values!r} for {name}: give a tuple of different values")
     for choice in values:
@@ -268,7 +279,7 @@ def _check_size(sweep, name, values):
 
 
 def _check_guard(guard, chunk):
-    if guard.every % chunk or guard.total_steps % guard.every or guard.every < 1:
+    if guard.every < 1 or guard.every % chunk or guard.total_steps < 1 or guard.total_steps % guard.every:
         raise UserError(
             f"guard.every is {guard.every} and guard.total_steps {guard.total_steps}: give a multiple of "
             f"base.train.steps_per_chunk ({chunk}), and a multiple of that"

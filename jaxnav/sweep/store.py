@@ -39,19 +39,22 @@ class Place:
 
 
 class Store:
-    """All studies of one sweep. UserError where they can't be read or written, or belong to another sweep."""
+    """All studies of one sweep. UserError where they can't be read or written, or belong to another sweep.
 
-    def __init__(self, folder: pathlib.Path, name: str, url: str = ""):
-        self._where, self._name = url or str(folder / "store.log"), name
+    name: of the studies; mend: cut off what a full disk left of a line, which only the one who writes may do.
+    """
+
+    def __init__(self, folder: pathlib.Path, name: str, url: str = "", mend=False):
+        self._where, self.name = url or str(folder / "store.log"), name
         with self._telling():
-            self._storage = _database(url) if url else _file(folder / "store.log")
+            self._storage = _database(url) if url else _file(folder / "store.log", mend)
 
     def open(self, phase: str, sweep: Sweep):
         """The `Study` of a phase, made if there is none."""
         with self._telling():
             study = optuna.create_study(
                 storage=self._storage,
-                study_name=f"{self._name}/{phase}",
+                study_name=f"{self.name}/{phase}",
                 direction=sweep.direction,
                 load_if_exists=True,
             )
@@ -72,7 +75,7 @@ class Store:
         """Trials of a phase, if there is one yet: for a report, which needs no sweep."""
         with self._telling():
             names = {summary.study_name for summary in optuna.get_all_study_summaries(self._storage)}
-            name = f"{self._name}/{phase}"
+            name = f"{self.name}/{phase}"
             if name not in names:
                 return []
             return Study(optuna.load_study(study_name=name, storage=self._storage), self._telling).trials()
@@ -213,8 +216,8 @@ def _database(url):
     return optuna.storages.RDBStorage(url)
 
 
-def _file(path):
-    if path.exists():
+def _file(path, mend):
+    if mend and path.exists():
         whole = path.read_bytes()
         if not whole.endswith(b"\n"):  # a line that a full disk cut off: the next would be glued to it
             with open(path, "r+b") as file:

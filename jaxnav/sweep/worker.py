@@ -49,7 +49,9 @@ class Unit:
 
     def program(self):
         """What has to be the same for two populations to share what is compiled."""
-        return json.dumps([to_json(self.config), self.members, self.floats, self.episodes], sort_keys=True)
+        config = to_json(self.config)
+        config["train"].pop("checkpoint_seconds")
+        return json.dumps([config, self.members, self.floats, self.episodes], sort_keys=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,6 +99,7 @@ class Worker:
 
         Asked again, it answers again. UserError: the device's memory is too small, a checkpoint can't be written.
         """
+        self.prepare([unit])
         held = self._held.get(unit.name)
         if held is None or held.round > round + 1:
             self._held.pop(unit.name, None)
@@ -107,10 +110,19 @@ class Worker:
         return held.last
 
     def prepare(self, units: list[Unit]):
-        """Compile what populations need, unless that is done: beside each other, where there are cores for it."""
+        """Compile what populations need, unless that is done: beside each other, where there are cores for it.
+
+        UserError: memory is too small for those of them that aren't held yet.
+        """
         programs = [self._program(unit) for unit in {unit.program(): unit for unit in units}.values()]
         with concurrent.futures.ThreadPoolExecutor() as pool:
             list(pool.map(lambda part: part.compile(), [part for program in programs for part in program]))
+        new = [self._program(unit) for unit in units if unit.name not in self._held]
+        if new:
+            # One population trains at a time, and is judged when it doesn't.
+            beside = sum(population.bytes_held for population, _ in new[1:])
+            judging = max(0, new[0][1].bytes_needed - (new[0][0].bytes_needed - new[0][0].bytes_held))
+            new[0][0].check_memory("members", beside + judging, len(new))
 
     def forget(self, name):
         """Free the memory of a population that is done."""
@@ -129,7 +141,6 @@ class Worker:
     def _take_up(self, unit, round, fills):
         """The population after the last checkpoint that is not ahead of ``round``, or at its start."""
         population, _ = self._program(unit)
-        population.check_memory("members")
         folder = pathlib.Path(unit.folder)
         if folder.is_dir():
             checkpoints = Checkpoints(folder)

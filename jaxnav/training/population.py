@@ -134,25 +134,38 @@ class Population:
         since, learning = (jax.ShapeDtypeStruct((self.members,), dtype) for dtype in (jnp.int32, bool))
         return loop, hyper, floats(dict.fromkeys(self.own, 0.0)), since, learning
 
-    @functools.cached_property
+    @property
+    def bytes_held(self):
+        """Of the device's memory between two chunks: all that the members are."""
+        return self._memory.argument_size_in_bytes
+
+    @property
     def bytes_needed(self):
         """Of the device's memory while it trains: the members and what their program needs beside them. Compiles it."""
-        found: Any = self._chunk.memory_analysis()
+        found = self._memory
         return (
             found.argument_size_in_bytes + found.output_size_in_bytes - found.alias_size_in_bytes
             + found.temp_size_in_bytes
         )  # fmt: skip
 
-    def check_memory(self, name):
-        """UserError, before anything is allocated, if too little memory is free. name: of the number of members."""
-        free = free_memory()
-        if self.bytes_needed <= free:
+    @functools.cached_property
+    def _memory(self) -> Any:
+        return self._chunk.memory_analysis()
+
+    def check_memory(self, name, beside=0, populations=1):
+        """UserError, before anything is allocated, if too little memory is free.
+
+        name: of the number of members; beside: bytes that others, about to be allocated, need; populations: how many
+        there are with those.
+        """
+        need, free = self.bytes_needed + beside, free_memory()
+        if need <= free:
             return
-        fits = int(self.members * free // self.bytes_needed)
+        fits = int(self.members * free // need)
         remedy = f"at most {fits} fit" if fits else "give fewer train.episodes or train.replay_rows"
+        who = f"{self.members} members" if populations == 1 else f"{populations} populations of {self.members} members"
         raise UserError(
-            f"{name} is {self.members}: {self.members} members need {self.bytes_needed / 1e9:.1f} GB, "
-            f"{free / 1e9:.1f} are free: {remedy}"
+            f"{name} is {self.members}: {who} need {need / 1e9:.1f} GB, {free / 1e9:.1f} are free: {remedy}"
         )
 
     def _spread(self, values):

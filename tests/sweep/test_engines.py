@@ -21,7 +21,7 @@ from .test_search import key
 def run(sweep, folder, engine, report=lambda results, state: None):
     folder.mkdir()
     with contextlib.closing(engine):
-        return search.run(sweep, "tiny", folder, Store(folder, "tiny"), engine, report)
+        return search.run(sweep, folder, Store(folder, "tiny"), engine, report)
 
 
 @pytest.fixture

@@ -6,8 +6,9 @@ import pytest
 
 from jaxnav.errors import UserError
 from jaxnav.sweep import search
-from jaxnav.sweep.phases import FRESH_SEED
+from jaxnav.sweep.report import summarise
 from jaxnav.sweep.results import PHASES
+from jaxnav.sweep.spec import FRESH_SEED
 from jaxnav.sweep.store import Store, Study
 
 EPISODES = 16
@@ -19,7 +20,7 @@ class Killed(BaseException):
 
 def run(sweep, folder, engine):
     folder.mkdir(exist_ok=True)
-    return search.run(sweep, "tiny", folder, Store(folder, "tiny"), engine)
+    return search.run(sweep, folder, Store(folder, "tiny"), engine)
 
 
 def key(results):
@@ -169,6 +170,28 @@ def test_fewer_slots_than_trials_that_train_are_refused(tmp_path, tiny_sweep, ma
             run(tiny_sweep(), tmp_path / "sweep", made_up)
     with pytest.raises(UserError, match=r"members is 1, but trial .* trains in slot [12].*give as many as before"):
         run(tiny_sweep(members=1), tmp_path / "sweep", made_up)
+
+
+@pytest.mark.parametrize("changes", [{"trials": 40}, {"confirm": 1}, {"confirm": 0}, {"seeds": 4}, {"members": 5}])
+@pytest.mark.parametrize("count", [90, 105])
+def test_a_sweep_may_go_on_as_a_larger_or_smaller_one(tmp_path, tiny_sweep, made_up, changes, count):
+    """Killed while it confirms: who trains then comes to an end, by the program of its sizes, whoever is best now."""
+    sizes = {"agent.updates_per_step": (1, 2, 4, 8)}
+    with pytest.MonkeyPatch.context() as patch:
+        _killed_at(patch, count)
+        with pytest.raises(Killed):
+            run(tiny_sweep(sizes=sizes, trials=16), tmp_path / "sweep", made_up)
+    store = Store(tmp_path / "sweep", "tiny")
+    assert any(trial.state == "running" for trial in store.trials("confirm"))
+    sweep = tiny_sweep(sizes=sizes, **{"trials": 16} | changes)
+    results = run(sweep, tmp_path / "sweep", made_up)
+    for phase in PHASES if sweep.confirm else PHASES[:1]:
+        assert all(trial.state != "running" for trial in results.phases[phase])
+    for phase in PHASES:
+        study = store.open(phase, sweep)
+        for trial, place in zip(study.trials(), study.places().values(), strict=True):
+            assert f"updates_per_step={trial.values['agent.updates_per_step']}-" in place.unit
+    assert summarise(results)["missing"] == []
 
 
 def test_a_sweep_can_be_given_more_trials(tmp_path, tiny_sweep, made_up):

@@ -8,6 +8,8 @@ import pytest
 from jaxnav.errors import UserError
 from jaxnav.sweep import Guard, Range, spec
 
+from .conftest import SWEEP
+
 BAD = [
     ({"space": {}}, "space is empty"),
     (
@@ -32,13 +34,24 @@ BAD = [
     ({"sizes": {"agent.updates_per_step": (0, 1)}}, "sizes has 0.*at least 1"),
     ({"sizes": {"agent.encoder": ("lidar", "sonar")}}, "sizes has 'sonar'.*unknown"),
     ({"sizes": {"hyper.tau": (0.1, 0.2)}}, "sizes has hyper.tau: give fields of agent or train"),
-    ({"sizes": {"train.episodes": (8, 16)}}, "train.episodes, in which trials are counted: change base.train.episodes"),
+    (
+        {"sizes": {"train.episodes": (8, 16)}},
+        "train.episodes, which has to be the same for all: change base.train.episodes",
+    ),
     ({"trials": 0}, "trials is 0: give a whole number of at least 1"),
     ({"members": -1}, "members is -1"),
     ({"keep": 1.0}, "keep is 1.0: give a share above 0 and below 1"),
     ({"rungs": (10, 5)}, "rungs are 10 5: give ascending multiples of base.train.steps_per_chunk"),
     ({"rungs": (7,)}, "rungs are 7"),
     ({"rungs": (20,)}, r"rungs are 20.*below base.train.total_steps \(20\)"),
+    ({"direction": "max"}, "direction is 'max': give maximize or minimize"),
+    ({"objective": "success"}, "objective is 'success': give a function"),
+    ({"space": {"hyper.tau": Range("a", 1.0)}}, r"Range\(low='a'.*give two numbers"),
+    ({"members": 2.5}, "members is 2.5"),
+    ({"sizes": {"train.checkpoint_seconds": (1.0, 2.0)}}, "train.checkpoint_seconds, which has to be the same for all"),
+    ({"base": dataclasses.replace(SWEEP.base, seed=1_000_000)}, "base.seed is 1000000, with 20 trials: give a smaller"),
+    ({"guard": Guard(every=0)}, "guard.every is 0"),
+    ({"guard": Guard(every=5, total_steps=0)}, "guard.total_steps 0"),
     ({"guard": Guard(every=7)}, "guard.every is 7"),
     ({"guard": Guard(every=5, total_steps=12)}, "guard.total_steps 12"),
     ({"guard": Guard(every=5, total_steps=10, reaches=1.5)}, "guard.reaches is 1.5"),

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from jaxnav.errors import UserError
 from jaxnav.sweep import phases
 from jaxnav.sweep.worker import Fill, Worker
 
@@ -63,6 +64,30 @@ def test_a_lost_process_is_made_up_for(played, tmp_path, kept):
     again._programs = worker._programs
     assert plain(again.advance(where, 2, fills)) == plain(rounds[2])  # told from the checkpoint itself
     assert again._held[where.name].round == 3
+
+
+def test_a_population_may_go_on_in_another_size(played, tmp_path, tiny_sweep):
+    """In a folder of its own: checkpoints of the other size aren't in its way, nor is how often they are made."""
+    _, where, *_ = played
+    sweep = tiny_sweep(sizes={}, rungs=(5, 10), members=3)
+    assert unit(sweep, tmp_path).folder != unit(dataclasses.replace(sweep, members=2), tmp_path).folder
+    train = dataclasses.replace(where.config.train, checkpoint_seconds=9.0)
+    rarer = dataclasses.replace(where, config=dataclasses.replace(where.config, train=train))
+    assert rarer.program() == where.program()
+
+
+def test_memory_for_all_populations_is_asked_for_at_once(played, tmp_path, monkeypatch):
+    _, where, _, worker, _ = played
+    population, _ = worker._programs[where.program()]
+    units = [dataclasses.replace(where, name=name, folder=str(tmp_path)) for name in "abc"]
+    fresh = Worker()
+    fresh._programs = worker._programs
+    monkeypatch.setattr(
+        "jaxnav.training.population.free_memory", lambda: population.bytes_needed + population.bytes_held
+    )
+    with pytest.raises(UserError, match=r"members is 2: 3 populations of 2 members need .*: at most 1 fit"):
+        fresh.prepare(units)
+    fresh.prepare(units[:1])
 
 
 def test_a_checkpoint_of_other_trials_is_refused(played):
