@@ -21,7 +21,7 @@ from jax._src import compiler
 # Those that run for long have them all, and those that compare with other people's numbers: what users run is tested.
 OPTIMISED = (
     "agents/test_hsac_closed_form.py", "agents/test_scripted.py", "agents/test_torch.py", "test_talk.py",
-    "world/test_lidar_mujoco.py", "world/test_rvo2.py",
+    "training/test_randomise.py", "world/test_lidar_mujoco.py", "world/test_rvo2.py",
 )  # fmt: skip
 
 # Half of the time of compiling goes into kernels that are written through MLIR instead of straight in LLVM's language,

@@ -72,8 +72,8 @@ def fails(capsys, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["trian"], ["'trian'", "train, evaluate, render, export"]),
-        (["--seed", 1], ["'--seed'", "train, evaluate, render, export"]),
+        (["trian"], ["'trian'", "train, sweep, evaluate, render, export"]),
+        (["--seed", 1], ["'--seed'", "train, sweep, evaluate, render, export"]),
         (["train", "--preset", "fast"], ["preset", "'fast'", "quick, robust, lidar, grid"]),
         (["train", "--preset=fast"], ["preset", "'fast'", "quick, robust, lidar, grid"]),
         (["train", "--scene", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
