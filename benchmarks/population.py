@@ -116,6 +116,7 @@ def measure(one, members, repetitions):
 def draw(results, path):
     """Whole trainings a second against members, and bytes of a member."""
     import matplotlib
+    import matplotlib.ticker
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
@@ -127,10 +128,15 @@ def draw(results, path):
     rate.axhline(alone, color="0.6", linestyle="--")
     rate.annotate("one after another", (members[-1], alone), ha="right", va="bottom", color="0.4")
     rate.set(xscale="log", yscale="log", xlabel="members trained at once", ylabel="trainings of the preset quick / s")
+    rate.yaxis.set_major_locator(matplotlib.ticker.LogLocator(subs=(1, 2, 5)))
+    rate.yaxis.set_minor_formatter("")
+    for axis in (rate.xaxis, rate.yaxis):
+        axis.set_major_formatter("{x:g}")
     size.plot(members, [result["bytes_per_member"]["measured"] / 1e6 for result in results], "o-", label="measured")
     size.plot(members, [result["bytes_per_member"]["predicted"] / 1e6 for result in results], "x--", label="predicted")
     size.set(xscale="log", ylim=(0, None), xlabel="members trained at once", ylabel="MB a member")
-    size.legend(frameon=False)
+    size.xaxis.set_major_formatter("{x:g}")
+    size.legend(frameon=False, loc="lower left")
     figure.suptitle(f"{results[0]['algo']} on {results[0]['device']}")
     figure.savefig(path, dpi=120)
 

@@ -18,12 +18,15 @@ from .spec import Sweep
 
 try:
     import optuna
+    import sqlalchemy.exc
 except ImportError as error:
     raise UserError(
         f'a sweep needs {error.name}, which isn\'t installed: pip install "jaxnav[sweep]", or in a clone -e ".[sweep]"'
     ) from error
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)
+# A database that isn't there or whose driver isn't, and a file that is no journal.
+_OF_STORES = (optuna.exceptions.OptunaError, sqlalchemy.exc.SQLAlchemyError, ImportError, ValueError, KeyError)
 _STATES = {"RUNNING": "running", "COMPLETE": "complete", "PRUNED": "stopped", "FAIL": "broken"}
 
 
@@ -88,9 +91,7 @@ class Store:
             raise UserError(
                 f"{self._where} can't be written ({error.strerror}): {remedy(error)}, then go on with --resume"
             ) from error
-        except (UserError, KeyboardInterrupt):
-            raise
-        except Exception as error:  # of whatever database it is, or of a file that is none
+        except _OF_STORES as error:
             text = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
             raise UserError(
                 f"{self._where} can't be used ({text}): mend it, or give another --out or --storage"
