@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 import jaxnav
 from jaxnav import Action, Params, World
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.training.config import TrainConfig
 from jaxnav.training.loop import Trainer
 
@@ -29,7 +29,7 @@ def three_updates():
     """Three updates of hybrid SAC, and losses that are finite."""
     config = TrainConfig(episodes=16, replay_rows=8, steps_per_chunk=3, total_steps=3)
     trainer = Trainer(World(), HSAC(HSACConfig(batch=32, updates_per_step=1)), Params(), config)
-    hyper = Hyperparameters()
+    hyper = HSACHyperparameters()
     loop = jax.jit(trainer.init)(jax.random.key(0), hyper)
     loop, metrics = jax.jit(trainer.train_chunk, donate_argnums=0)(loop, hyper)
     assert int(loop.counter) == 3, loop.counter

@@ -12,7 +12,7 @@ import time
 import jax
 
 from jaxnav import Params, World
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.training.config import TrainConfig
 from jaxnav.training.loop import Trainer
 
@@ -23,7 +23,7 @@ class Learner:
     def __init__(self, language):
         trainer, self.hyper = (
             Trainer(World(), HSAC(HSACConfig(language=language)), Params(), TrainConfig()),
-            Hyperparameters(),
+            HSACHyperparameters(),
         )
         start = time.perf_counter()
         init = jax.jit(trainer.init).lower(jax.random.key(0), self.hyper).compile()

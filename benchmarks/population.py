@@ -23,7 +23,7 @@ CHUNKS = 40
 
 
 def hyperparameters(base, members):
-    """`Hyperparameters` `[members]`: learning rates from 3e-4 to 3e-3, discounts from 0.95 to 0.99."""
+    """`HSACHyperparameters` `[members]`: learning rates from 3e-4 to 3e-3, discounts from 0.95 to 0.99."""
     share = jnp.linspace(0.0, 1.0, members) if members > 1 else jnp.array([0.5])
     rate = 3e-4 * 10.0**share
     return base.replace(actor_lr=rate, critic_lr=rate, discount=0.95 + 0.04 * share)

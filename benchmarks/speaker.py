@@ -17,7 +17,7 @@ import time
 import numpy as np
 
 from jaxnav.language.llm import LanguageModel, log
-from jaxnav.language.speaker import Context, Storyteller, Templates, expresses
+from jaxnav.language.speaker import Context, LanguageModelSpeaker, TemplateSpeaker, expresses
 from jaxnav.world.types import LEFT, RIGHT, STOP
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "tests" / "language"))
@@ -67,7 +67,7 @@ def main():
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     arguments = parser.parse_args()
     log.setLevel(logging.CRITICAL)
-    plain, _ = run(Templates(), CONTEXTS * (2 * arguments.utterances), 0.002)
+    plain, _ = run(TemplateSpeaker(), CONTEXTS * (2 * arguments.utterances), 0.002)
     print(f"templates: worst step {1e3 * max(plain):.2f} ms, median {1e3 * statistics.median(plain):.2f} ms")
     for name, behaviour in BEHAVIOURS.items():
         stub = Stub(good_answer)
@@ -76,7 +76,7 @@ def main():
         model = LanguageModel(stub.url, "stub", "key", limit=arguments.limit)
         seconds, said = [], []
         for i in range(arguments.utterances):
-            more, sentences = run(Storyteller(model), [CONTEXTS[i % len(CONTEXTS)]], 0.002)
+            more, sentences = run(LanguageModelSpeaker(model), [CONTEXTS[i % len(CONTEXTS)]], 0.002)
             seconds += more
             said += sentences
         stub.close()

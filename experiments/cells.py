@@ -12,7 +12,7 @@ import over_seeds
 import scene_study
 
 from jaxnav.agents.networks import message_codes
-from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
 from jaxnav.training.config import make_agent, preset, resolve
 from jaxnav.training.evaluation import episode_keys, make_policy
@@ -66,7 +66,7 @@ METHODS = {
 SCRIPTED = {
     "straight line": (straight_line, None),
     "ORCA": (orca_robot, None),
-    "planner": (planner, Tongue(jnp.bool_(True), jnp.bool_(True))),
+    "planner": (planner, DialogueAbility(jnp.bool_(True), jnp.bool_(True))),
 }
 
 
@@ -138,7 +138,7 @@ class Programs:
         self.population = Population(config, self.agent, seeds)
         policy = told(self.agent) if is_told else make_policy(self.agent)
         self.player = Player(self.population.world, config.world.params, policy)
-        self.spoken = self.agent.spoken(phrases)
+        self.spoken = self.agent.vocabulary(phrases)
         self._like = None
 
     def play(self, policies, method, scene, seed, episodes):

@@ -45,7 +45,7 @@ class Worlds:
         raw = dataclasses.replace(run.world.config, observation=RAW_PARTS)
         world = World(raw, [scene for scene in run.world.scenes if scene.name not in SCENES])
         self.state = jax.jit(jax.vmap(run.world.reset, in_axes=(0, None, 0)))(key_reset, run.params, scenes)
-        self._spoken = run.agent.spoken("test")
+        self._spoken = run.agent.vocabulary("test")
 
         def look(state, spoken):
             seen = jax.vmap(world.observe, in_axes=(0, None))(state, run.params)

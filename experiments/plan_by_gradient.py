@@ -15,7 +15,7 @@ import scene_study
 from gradient_plans import plan
 from matplotlib.figure import Figure
 
-from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
 from jaxnav.render import palette
 from jaxnav.training.evaluation import episode_keys, wilson_interval
@@ -26,7 +26,7 @@ PROGRAM = "plan_by_gradient"
 BLOCK = 50  # episodes planned at once
 PLAN, STARTS = "plan by gradient", "best of its starts"
 SCRIPTED = {
-    "planner, talking": (planner, Tongue(True, True)), "planner, silent and deaf": (planner, Tongue(False, False)),
+    "planner, talking": (planner, DialogueAbility(True, True)), "planner, silent and deaf": (planner, DialogueAbility(False, False)),
     "ORCA": (orca_robot, None), "straight line": (straight_line, None),
 }  # fmt: skip
 ROBOTS = (PLAN, STARTS, *SCRIPTED)
@@ -98,10 +98,10 @@ def programs(world, options):
     """
 
     def scripted(robot):
-        policy, tongue = SCRIPTED[robot]
+        policy, ability = SCRIPTED[robot]
 
         def block(params, scene, keys):
-            done = play(world, params, policy, tongue, keys, jnp.full(keys.shape, scene), options.steps)
+            done = play(world, params, policy, ability, keys, jnp.full(keys.shape, scene), options.steps)
             return done.arrived, done.collided, done.hit_pedestrian, done.steps
 
         return jax.jit(block)

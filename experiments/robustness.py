@@ -104,7 +104,7 @@ def player(run):
         return play(world, params, policy, policy_params, keys, scenes, limit).arrived.reshape(count, BLOCK)
 
     def arrived(actor, params, seed, episodes):
-        policy_params = actor, True, run.agent.spoken("test")
+        policy_params = actor, True, run.agent.vocabulary("test")
         params = jax.tree.map(jnp.float32, params)
         blocks = [block(policy_params, params, np.uint32(seed), first) for first in range(0, episodes, BLOCK)]
         return np.concatenate(jax.device_get(blocks), axis=1)

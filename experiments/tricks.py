@@ -26,7 +26,7 @@ from jaxnav.world import SUITES
 PROGRAM = "tricks"
 THRESHOLD = 0.95
 EVERY = 25  # steps of all episodes between two evaluations in the parity suite
-# Changes of one thing each: (of HSACConfig, of Hyperparameters).
+# Changes of one thing each: (of HSACConfig, of HSACHyperparameters).
 TRICKS = {
     "as committed": ({}, {}),
     "one-step targets": ({"n_step": 1}, {}),

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import scene_study
 
-from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.training.evaluation import episode_keys, wilson_interval
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
@@ -52,19 +52,19 @@ def play_scene(name, episodes, seed, advance):
     limit = math.ceil(params.max_steps)
 
     def program(policy):
-        def block(tongue, first):
+        def block(ability, first):
             keys = episode_keys(seed, first + jnp.arange(BLOCK))
-            return play(world, params, policy, tongue, keys, jnp.zeros(BLOCK, jnp.int32), limit)
+            return play(world, params, policy, ability, keys, jnp.zeros(BLOCK, jnp.int32), limit)
 
         return jax.jit(block)
 
     plan, programs = program(planner), {"ORCA": program(orca_robot), "straight line": program(straight_line)}
     rows = {}
     for robot in ROBOTS:
-        tongue = Tongue(*map(jnp.bool_, TWINS.get(robot, (False, False))))
+        ability = DialogueAbility(*map(jnp.bool_, TWINS.get(robot, (False, False))))
         counts = dict.fromkeys(("arrived", "collided", "hit_pedestrian", "truncated"), 0)
         for first in range(0, episodes, BLOCK):
-            summary = jax.device_get(programs.get(robot, plan)(tongue, first))
+            summary = jax.device_get(programs.get(robot, plan)(ability, first))
             counts = {field: count + int(getattr(summary, field).sum()) for field, count in counts.items()}
             advance()
         played = math.ceil(episodes / BLOCK) * BLOCK

@@ -245,7 +245,7 @@ def _evaluate(arguments):
     actor = run.actor(run.restore(), options.policy)
     with Console(stderr=True).status("evaluating"):
         result = run.evaluator.evaluate(actor, options.policy, options.episodes, options.seed, options.phrases)
-    if run.agent.spoken(options.phrases) is not None:
+    if run.agent.vocabulary(options.phrases) is not None:
         result["phrases"] = options.phrases
     if options.scene != "all":
         result["scenes"] = {options.scene: result["scenes"][options.scene]}

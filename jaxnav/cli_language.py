@@ -90,9 +90,9 @@ class _TalkOptions:
 
 def talk(arguments):
     """jaxnav talk."""
-    from .language.interpreter import Reader
+    from .language.interpreter import LanguageModelInterpreter
     from .language.llm import LanguageModel
-    from .language.speaker import Storyteller, Templates
+    from .language.speaker import LanguageModelSpeaker, TemplateSpeaker
     from .talk import Conversation, read_script
 
     options = parse(_TalkOptions, arguments, "talk")
@@ -113,8 +113,8 @@ def talk(arguments):
     if options.scene and options.scene not in names:
         raise UserError(f"--scene {options.scene!r} is not in this run: choose one of {', '.join(names)}")
     ears = _ears(run, actor)
-    interpreter = Reader(model, ears) if options.interpreter == "llm" else ears
-    speaker = Storyteller(model) if options.speaker == "llm" else Templates()
+    interpreter = LanguageModelInterpreter(model, ears) if options.interpreter == "llm" else ears
+    speaker = LanguageModelSpeaker(model) if options.speaker == "llm" else TemplateSpeaker()
     scene = names.index(options.scene) if options.scene else 0
     conversation = Conversation(run, actor, scene, options.seed, interpreter, speaker)
     show = _Show(conversation)
@@ -226,7 +226,7 @@ def _open(folder, policy):
     from .training.run import Run
 
     run = Run.open(folder)
-    if run.agent.spoken("test") is None or not run.config.world.hearing:
+    if run.agent.vocabulary("test") is None or not run.config.world.hearing:
         raise UserError(
             f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
         )
@@ -236,11 +236,11 @@ def _open(folder, policy):
 def _ears(run, actor):
     import jax
 
-    from .language.interpreter import Ears
+    from .language.interpreter import PolicyInterpreter
     from .language.table import Embedder, default_table
 
     heard = jax.jit(run.agent.understand)
-    return Ears(Embedder(default_table()), lambda words: heard(actor, words))
+    return PolicyInterpreter(Embedder(default_table()), lambda words: heard(actor, words))
 
 
 def _log_to_stderr():

@@ -42,7 +42,7 @@ class Conversation:
         key_reset, self._key = jax.random.split(episode_keys(seed, jnp.arange(1))[0])
         state = jax.jit(run.world.reset)(key_reset, self.params, jnp.int32(scene))
         self.state = state.replace(
-            fates=state.fates.replace(reply_delay=jnp.full_like(state.fates.reply_delay, _NEVER))
+            traits=state.traits.replace(reply_delay=jnp.full_like(state.traits.reply_delay, _NEVER))
         )
         self._states, self._outcomes, self._speech = [self.state], [], [[]]
         self._heard = np.zeros((run.world.config.pedestrians, 3), np.float32)
@@ -113,7 +113,7 @@ class Conversation:
         """Act upon what was understood."""
         self.understood = found
         self._say("understood", describe(found))
-        encounters, fates = self.state.encounters, self.state.fates
+        encounters, traits = self.state.encounters, self.state.traits
         waits = np.asarray(encounters.is_open & (encounters.request != NONE) & (encounters.reply == NONE))
         # An answer comes from whom it is awaited of, everything else from the nearest.
         i = self._nearest(waits) if waits.any() and found.reply != NONE else self._nearest(True)
@@ -123,10 +123,10 @@ class Conversation:
             if found.reply == AGREES:
                 agreed = encounters.replace(reply=encounters.reply.at[i].set(AGREES))
                 # From now on, for as long as it obeys.
-                delay = fates.reply_delay.at[i].set(encounters.request_age[i])
-                comply = fates.compliance.at[i].set(-1.0)
+                delay = traits.reply_delay.at[i].set(encounters.request_age[i])
+                comply = traits.compliance.at[i].set(-1.0)
                 self.state = self.state.replace(
-                    encounters=agreed, fates=fates.replace(reply_delay=delay, compliance=comply)
+                    encounters=agreed, traits=traits.replace(reply_delay=delay, compliance=comply)
                 )
             else:
                 # It goes first, as if it had said so: the robot yields.

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from jaxnav import cli
-from jaxnav.training.config import Hyperparameters, RunConfig, TrainConfig
+from jaxnav.training.config import HSACHyperparameters, RunConfig, TrainConfig
 from jaxnav.training.run import Run
 from jaxnav.world import Params, WorldConfig
 
@@ -154,7 +154,7 @@ def options_of(cls):
             | {f"world.{name}" for name in options_of(WorldConfig)}
             | {f"world.params.{name}" for name in options_of(Params)}
             | {f"agent.{name}" for name in options_of(RunConfig().agent)}
-            | {f"hyper.{name}" for name in options_of(Hyperparameters)}
+            | {f"hyper.{name}" for name in options_of(HSACHyperparameters)}
             | {f"train.{name}" for name in options_of(TrainConfig)},
         ),
         ("evaluate", {"episodes", "seed", "scene", "policy", "json"}),

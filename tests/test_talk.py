@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.errors import UserError
 from jaxnav.language.interpreter import Understood, nothing
 from jaxnav.language.llm import Answered
-from jaxnav.language.speaker import Templates
+from jaxnav.language.speaker import TemplateSpeaker
 from jaxnav.talk import Conversation, describe, message_of, read_script, scene_map
 from jaxnav.world import Action, Params, World, WorldConfig
 from jaxnav.world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
@@ -27,7 +27,7 @@ KNOWN = {
 }  # fmt: skip
 
 
-class Ears:
+class PolicyInterpreter:
     """Understands names instead of sentences."""
 
     def begin(self, text):
@@ -58,7 +58,7 @@ def world():
 def talk(world):
     def start(agent=Driver, scene=0, seed=1):
         run = types.SimpleNamespace(world=world, agent=DRIVERS[agent], params=Params())
-        return Conversation(run, None, scene, seed, Ears(), Templates())
+        return Conversation(run, None, scene, seed, PolicyInterpreter(), TemplateSpeaker())
 
     return start
 
@@ -203,7 +203,7 @@ def test_an_untrained_learner_answers_by_its_own_network(world):
     agent = HSAC(HSACConfig(actor_widths=(8,), critic_widths=(8,)))
     state = world.reset(jax.random.key(0), Params(), 0)
     observation = world.observe(state, Params())
-    actor = jax.jit(agent.init)(jax.random.key(1), observation, Hyperparameters()).actor
+    actor = jax.jit(agent.init)(jax.random.key(1), observation, HSACHyperparameters()).actor
     twists = [agent.answer(actor, observation, message_of(m)[None]).twist for m in (NONE, STOP, RIGHT, LEFT)]
     assert len({tuple(np.asarray(twist).tolist()) for twist in twists}) == 4
     silent = agent.best_action(actor, observation).twist

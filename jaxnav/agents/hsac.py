@@ -2,13 +2,14 @@
 representation for practical RL in video games"; docs/world.md section 5).
 
 Everything is a pure function of explicit state. Floats that one may want to vary between the members of a population
-are leaves of `Hyperparameters`; `HSACConfig` holds sizes.
+are leaves of `HSACHyperparameters`; `HSACConfig` holds sizes.
 """
 
 import dataclasses
 from typing import Any
 
 import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
@@ -60,8 +61,8 @@ class HSACConfig(ReplayConfig):
                 raise ValueError(f"agent.{name} {getattr(self, name)!r} is unknown: {choose}")
 
 
-@chex.dataclass(frozen=True)
-class Hyperparameters:
+@struct.dataclass
+class HSACHyperparameters:
     """Floats of the learner, leaves for ``vmap``.
 
     Attributes:
@@ -99,8 +100,8 @@ class Hyperparameters:
     message_weight: float = 1.0
 
 
-@chex.dataclass(frozen=True)
-class LearnerState:
+@struct.dataclass
+class HSACState:
     """Parameters of actor, of its average, of critics and target critics, log temperatures, states of optimisers."""
 
     actor: chex.ArrayTree
@@ -135,15 +136,15 @@ class HSAC:
         bins = len(BINS) if config.critic == "histogram" else 1
         self.critic = TwinCritic(config.encoder, config.critic_widths, config.codes * bins, config.critic_norm)
         # What is spoken in training. Codes need no words.
-        self.vocabulary: Any = vocabulary("train") if config.language == "phrases" else None
+        self.training_vocabulary: Any = vocabulary("train") if config.language == "phrases" else None
 
-    def init(self, key, observation, hyper: Hyperparameters) -> LearnerState:
+    def init(self, key, observation, hyper: HSACHyperparameters) -> HSACState:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         key_actor, key_critic = jax.random.split(key)
-        actor = self.actor.init(key_actor, observation, self._words(observation, self.vocabulary), method=_whole_actor)
+        actor = self.actor.init(key_actor, observation, self._words(observation, self.training_vocabulary), method=_whole_actor)
         critic = self.critic.init(key_critic, observation, message_codes(observation.dialogue), jnp.zeros(2))
         log_temperatures = {name: jnp.log(jnp.float32(hyper.initial_temperature)) for name in ("twist", "code")}
-        return LearnerState(
+        return HSACState(
             actor=actor,
             averaged=jax.tree.map(jnp.copy, actor),
             critic=critic,
@@ -154,27 +155,27 @@ class HSAC:
             temperature_optimiser=ADAM.init(log_temperatures),
         )
 
-    def policy(self, learner: LearnerState) -> chex.ArrayTree:
+    def policy(self, learner: HSACState) -> chex.ArrayTree:
         """The actor that is evaluated."""
         return learner.averaged
 
-    def act(self, key, learner: LearnerState, observation, hyper: Hyperparameters) -> Action:
+    def act(self, key, learner: HSACState, observation, hyper: HSACHyperparameters) -> Action:
         """Sample an action for each observation `[..., ...]`; a code that would not count is none."""
         key_twist, key_code = jax.random.split(key)
-        mean, log_std, logits = self._policy(learner.actor, observation, self._training_vocabulary(hyper))
+        mean, log_std, logits = self._policy(learner.actor, observation, self._noisy_vocabulary(hyper))
         twist, _ = sample_twist(key_twist, mean, log_std)
         code = jax.random.categorical(key_code, code_log_probabilities(logits, observation.may_request))
         return Action(twist=self._of_code(twist, code), code=code.astype(jnp.int32))
 
-    def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
+    def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
         """Mean twist and most probable code; without ``voice`` the code is none.
 
         spoken: the `Vocabulary` from which what is said is drawn; by default that of training, without noise.
         """
-        mean, _, logits = self._policy(actor, observation, self.vocabulary if spoken is None else spoken)
+        mean, _, logits = self._policy(actor, observation, self.training_vocabulary if spoken is None else spoken)
         return self._best(mean, logits, observation, voice)
 
-    def spoken(self, split):
+    def vocabulary(self, split):
         """The `Vocabulary` of a split of phrases; None if this agent hears codes."""
         return vocabulary(split) if self.config.language == "phrases" else None
 
@@ -198,7 +199,7 @@ class HSAC:
             return twist
         return jnp.take_along_axis(twist, code[..., None, None], axis=-2)[..., 0, :]
 
-    def update(self, key, state: LearnerState, batch: Batch, hyper: Hyperparameters, lr_scale=1.0, step=0):
+    def update(self, key, state: HSACState, batch: Batch, hyper: HSACHyperparameters, lr_scale=1.0, step=0):
         """One step on critics, actor and temperatures. Returns (state, metrics).
 
         lr_scale: multiplies every rate; step: how many updates came before, for delays.
@@ -267,10 +268,10 @@ class HSAC:
             return message_codes(observation.dialogue)
         return spoken_words(observation.dialogue, spoken)
 
-    def _training_vocabulary(self, hyper) -> Any:
+    def _noisy_vocabulary(self, hyper) -> Any:
         if self.config.language == "codes":
             return None
-        return self.vocabulary.replace(noise=hyper.word_noise, error_share=hyper.word_errors)
+        return self.training_vocabulary.replace(noise=hyper.word_noise, error_share=hyper.word_errors)
 
     def _policy(self, actor, observation, spoken) -> Any:
         """Mean, log_std and logits."""
@@ -344,7 +345,7 @@ class HSAC:
     def _actor_loss(self, actor, key, critic, batch, temperatures, hyper):
         """-V(s) with every sample reparameterised and the code's probabilities not detached, and what phrases mean."""
         key, key_phrases = jax.random.split(key)
-        policy = self._policy(actor, batch.observation, self._training_vocabulary(hyper))
+        policy = self._policy(actor, batch.observation, self._noisy_vocabulary(hyper))
         counts = batch.observation.may_request
         twist, log_density, log_p = self._sample(key, policy, counts)
         q = self._q(critic, batch.observation, twist)
@@ -362,7 +363,7 @@ class HSAC:
         """Cross-entropy of message and reply over phrases of the train split, every message as often as any other."""
         if self.config.language == "codes":
             return jnp.float32(0.0)
-        spoken = self._training_vocabulary(hyper)
+        spoken = self._noisy_vocabulary(hyper)
         key_message, key_word = jax.random.split(key)
         message = jax.random.randint(key_message, (_PHRASES,), 0, len(MESSAGES))
         index, word = spoken.phrase(message, jax.random.bits(key_word, (_PHRASES,), jnp.uint32))

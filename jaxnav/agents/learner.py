@@ -17,6 +17,7 @@ Hybrid SAC alone has `answer`, told what was meant, and `understand`, which `jax
 import dataclasses
 
 import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
@@ -85,7 +86,7 @@ class ReplayConfig(LearnerConfig):
         return steps * self.updates_per_step
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Transition:
     """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; code;
     reward; terminated: True ends the return, a time-out does not; ended: either of the two."""
@@ -99,7 +100,7 @@ class Transition:
     ended: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Batch:
     """What an update learns from, `[batch, ...]`: transitions with their snapshots rendered.
 

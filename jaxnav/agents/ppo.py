@@ -7,6 +7,7 @@ import dataclasses
 from typing import Any, ClassVar
 
 import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
@@ -53,7 +54,7 @@ class PPOConfig(RolloutConfig):
     minibatches: int = 4
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class PPOHyperparameters:
     """Floats of the learner, leaves for ``vmap``.
 
@@ -84,7 +85,7 @@ class PPOHyperparameters:
     reward_scale: float = 0.01
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class PPOState:
     """Parameters of actor, of its average, and of the value network, and the state of their optimisers."""
 
@@ -139,13 +140,13 @@ class PPO:
         twist = mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
         return silent(twist)
 
-    def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
+    def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
         """The mean twist; it has no voice, and hears codes, whatever is ``spoken``."""
         del voice, spoken
         mean, _ = self._gaussian(actor, observation)
         return silent(jnp.clip(mean, -1.0, 1.0))
 
-    def spoken(self, split):
+    def vocabulary(self, split):
         """None: this agent hears codes."""
         del split
 

@@ -60,7 +60,7 @@ def orca_robot(policy_params, state, world, params):
     return Action(twist=jnp.stack([2.0 * ahead / params.max_v - 1.0, turn]), code=jnp.int32(NONE))
 
 
-class Tongue(NamedTuple):
+class DialogueAbility(NamedTuple):
     """What of the dialogue a `planner` uses: whether it hears, whether it speaks."""
 
     hears: bool
@@ -76,18 +76,18 @@ _PLANS = np.array(
 )
 
 
-def planner(tongue, state, world, params):
+def planner(ability, state, world, params):
     """The best of some fifty short plans, judged by where people will be: what was said and agreed tells it.
 
     It asks as soon as it may, obeys, and knows the announced plan; who said nothing is expected to walk on as before. A
-    `Tongue` makes its deaf and its muted twin.
+    `DialogueAbility` makes its deaf and its muted twin.
     """
     robot, walls = state.robot, world.walls(state.scene)
     target_x, target_y = _local_goal(state, world, walls, params)
     direct = jnp.arctan2(target_y - robot.y, target_x - robot.x)
     tracked = _tracked(state, world, walls, params)
     path_x, path_y = jax.vmap(
-        lambda person, encounter: _expected_path(person, encounter, tongue, state, world, params)
+        lambda person, encounter: _expected_path(person, encounter, ability, state, world, params)
     )(state.pedestrians, state.encounters)
 
     def cost(plan):
@@ -124,7 +124,7 @@ def planner(tongue, state, world, params):
     turn = jnp.clip(error / (params.max_w * params.dt), -1.0, 1.0)
     v = speed * jnp.maximum(jnp.cos(error), 0.0)
     return Action(
-        twist=jnp.stack([2.0 * v - 1.0, turn]), code=jnp.where(tongue.speaks, _request(state, world, params), NONE)
+        twist=jnp.stack([2.0 * v - 1.0, turn]), code=jnp.where(ability.speaks, _request(state, world, params), NONE)
     )
 
 
@@ -138,12 +138,12 @@ def _request(state, world, params):
     return jnp.where(before_passage, STOP, fits[nearest])
 
 
-def _expected_path(person, encounter, tongue, state, world, params):
+def _expected_path(person, encounter, ability, state, world, params):
     """(x, y) `[_HORIZON + 1]`: where a person is expected at each step, by what was said as far as it was heard."""
     time = params.dt * jnp.arange(_HORIZON + 1)
     speed = norm(person.vx, person.vy)
     ux, uy = unit(person.vx, person.vy)
-    message = jnp.where(tongue.hears & encounter.is_open, encounter.message, NONE)
+    message = jnp.where(ability.hears & encounter.is_open, encounter.message, NONE)
     request = jnp.where(encounter.is_open & (encounter.reply != REFUSES), encounter.request, NONE)
 
     # Who said nothing walks on as before; who announced a side, along its line and to that side of it.

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
@@ -20,7 +21,7 @@ class TD3Config(ReplayConfig):
     actor_every: int = 2
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class TD3Hyperparameters:
     """Floats of the learner, leaves for ``vmap``.
 
@@ -47,7 +48,7 @@ class TD3Hyperparameters:
     reward_scale: float = 0.01
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class TD3State:
     """Parameters of actor and critics, of their targets, and the state of their optimisers."""
 
@@ -95,12 +96,12 @@ class TD3:
         twist = jnp.clip(twist + hyper.exploration_noise * jax.random.normal(key, twist.shape), -1.0, 1.0)
         return silent(twist)
 
-    def best_action(self, actor, observation, voice=True, spoken=None) -> Action:
+    def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
         """The actor's twist; it has no voice, and hears codes, whatever is ``spoken``."""
         del voice, spoken
         return silent(self._twist(actor, observation))
 
-    def spoken(self, split):
+    def vocabulary(self, split):
         """None: this agent hears codes."""
         del split
 

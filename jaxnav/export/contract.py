@@ -30,7 +30,7 @@ def codes_of(agent):
 
 def hears_phrases(agent):
     """Whether it understands sentences, not only codes."""
-    return agent.spoken("test") is not None
+    return agent.vocabulary("test") is not None
 
 
 def raw_inputs(run):

@@ -45,7 +45,7 @@ class Reference:
 
     def both(self, states, voice):
         """(inputs, outputs) `[n, ...]` by name in states `[n]`; voice: `[n]` whether a code may be spoken."""
-        spoken = self._run.agent.spoken("test")
+        spoken = self._run.agent.vocabulary("test")
         inputs, outputs = jax.device_get(self._both(self._actor, spoken, states, voice))
         return {name: inputs[name] for name in raw_inputs(self._run)}, outputs
 

@@ -44,7 +44,7 @@ def nothing(text=""):
     return Understood(text, NONE, 1.0, 1.0, NONE, 1.0, np.zeros(len(MESSAGES) - 1, np.float32))
 
 
-class Ears:
+class PolicyInterpreter:
     """The policy's own understanding of sentences.
 
     embed: sentence -> vector; understand: vectors `[n, D]` -> log-probabilities of message `[n, 4]` and reply `[n, 3]`.
@@ -82,7 +82,7 @@ _SYSTEM = (
 )
 
 
-class Reader:
+class LanguageModelInterpreter:
     """A language model reads what people say; whatever it gets wrong, or late, the policy's own ears decide."""
 
     def __init__(self, model, ears):

@@ -55,7 +55,7 @@ _TEMPLATES = {
 }  # fmt: skip
 
 
-class Templates:
+class TemplateSpeaker:
     """Sentences of our own, in turns: offline, varied, polite, and never of the wrong side."""
 
     def __init__(self):
@@ -167,11 +167,11 @@ _ASK = {STOP: "stop and let you pass", RIGHT: "move to your right", LEFT: "move 
 _DO = {STOP: "stop to let them pass", RIGHT: "move to my right", LEFT: "move to my left"}
 
 
-class Storyteller:
+class LanguageModelSpeaker:
     """A language model puts it into words; whatever it gets wrong, or late, a template says instead."""
 
     def __init__(self, model, templates=None):
-        self._model, self._templates, self._said = model, templates or Templates(), {}
+        self._model, self._templates, self._said = model, templates or TemplateSpeaker(), {}
 
     def begin(self, context):
         """`Asked` about what to say; what was said of the same context before is said again."""

@@ -1,6 +1,7 @@
 """Which phrase is said: (message, utterance) -> a vector, as a pure function on the device."""
 
 import chex
+from flax import struct
 import jax.numpy as jnp
 import numpy as np
 
@@ -12,7 +13,7 @@ ERROR = "speech-recognition error"
 _NOISES = 1024
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Vocabulary:
     """The phrases that are spoken: all of a table, of which the bounds below let those of one split be drawn.
 

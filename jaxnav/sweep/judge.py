@@ -13,7 +13,7 @@ from ..training.rollout import play
 SEARCH_SEED, CONFIRM_SEED = 2**31 + 1, 2**31 + 2  # of the episodes; apart, so that no winner is chosen on its own exam
 
 
-class Judge:
+class PopulationEvaluator:
     """Plays ``episodes`` of each scene of a world with every member's policy, through one compiled program.
 
     policies: their shapes `[members]`, as of `Population.policy_shapes`.
@@ -36,7 +36,7 @@ class Judge:
     def compile(self):
         """Compile the program, unless that is done."""
         if self._compiled is None:
-            example = self._policies, self._agent.spoken("validation"), np.uint32(0)
+            example = self._policies, self._agent.vocabulary("validation"), np.uint32(0)
             self._compiled = self._all.lower(*example).compile()
 
     @property
@@ -49,7 +49,7 @@ class Judge:
     def __call__(self, policies, seed, phrases):
         """Of each member its `metrics`. policies: `[members]`; phrases: the split from which people speak."""
         self.compile()
-        played = jax.device_get(self._compiled(policies, self._agent.spoken(phrases), np.uint32(seed)))
+        played = jax.device_get(self._compiled(policies, self._agent.vocabulary(phrases), np.uint32(seed)))
         members = played.arrived.shape[0]
         return [metrics(self._world, jax.tree.map(lambda leaf, i=i: leaf[i], played)) for i in range(members)]
 

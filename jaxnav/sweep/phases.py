@@ -10,7 +10,7 @@ from .judge import CONFIRM_SEED, SEARCH_SEED
 from .progress import better_first
 from .spec import FRESH_SEED
 from .store import Store, distributions
-from .worker import Unit
+from .worker import PopulationJob
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Phase:
     """
 
     name: str
-    units: list[tuple[Unit, dict]]
+    units: list[tuple[PopulationJob, dict]]
     total_steps: int
     kinds: dict
     proposals: Callable
@@ -95,7 +95,7 @@ def guard(sweep, folder: pathlib.Path, store: Store) -> Phase | None:
 
 
 def populations(sweep, folder, phase, base, combinations, each, seed, phrases, steps=None):
-    """(`Unit`, sizes) of a phase. combinations: of sizes; each: how many populations they have; steps: of a round."""
+    """(`PopulationJob`, sizes) of a phase. combinations: of sizes; each: how many populations they have; steps: of a round."""
     units = []
     for sizes in combinations:
         config = dataclasses.replace(sweep, base=base).configuration(sizes)
@@ -104,7 +104,7 @@ def populations(sweep, folder, phase, base, combinations, each, seed, phrases, s
         for i in range(each):
             name = re.sub(r"[^\w.=-]+", "_", f"{phase}{label}-{i}")
             where = str((folder / "populations" / f"{name}-of-{sweep.members}").resolve())
-            unit = Unit(
+            unit = PopulationJob(
                 name, config, sweep.members, tuple(sweep.space), steps or sweep.round_steps, sweep.episodes, seed,
                 phrases, where,
             )  # fmt: skip

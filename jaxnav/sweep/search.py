@@ -15,7 +15,7 @@ from . import phases
 from .results import PHASES, Results
 from .spec import Sweep
 from .store import Place, Store
-from .worker import Fill
+from .worker import SlotFill
 
 
 def run(sweep: Sweep, folder: pathlib.Path, store: Store, engine, report=lambda results, state: None):
@@ -88,7 +88,7 @@ def _jobs(phase, trials, places, behind):
         if rounds:
             (round,) = rounds
             fills = [
-                Fill(places[t.number].round, places[t.number].slot, t.seed, {n: t.values[n] for n in unit.floats})
+                SlotFill(places[t.number].round, places[t.number].slot, t.seed, {n: t.values[n] for n in unit.floats})
                 for t in there
                 if places[t.number].slot < unit.members  # others have ended, when there were more slots
             ]

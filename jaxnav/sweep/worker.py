@@ -19,7 +19,7 @@ from ..training.checkpoint import Checkpoints
 from ..training.config import RunConfig, make_agent
 from ..training.dataclass_json import to_json
 from ..training.population import Population
-from .judge import Judge
+from .judge import PopulationEvaluator
 from .spec import get
 
 LOSSES = (
@@ -29,7 +29,7 @@ LOSSES = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Unit:
+class PopulationJob:
     """A population of a sweep.
 
     name: of it in the sweep; config: of its members, seed and searched floats aside; members: slots; floats: dotted
@@ -55,8 +55,8 @@ class Unit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Fill:
-    """A learner that begins in a slot before a round. values: by dotted name, those of `Unit.floats`."""
+class SlotFill:
+    """A learner that begins in a slot before a round. values: by dotted name, those of `PopulationJob.floats`."""
 
     round: int
     slot: int
@@ -91,10 +91,10 @@ class Worker:
     """Holds populations and takes them further. Programs are compiled once for all that are alike."""
 
     def __init__(self):
-        self._programs: dict[str, tuple[Population, Judge]] = {}
+        self._programs: dict[str, tuple[Population, PopulationEvaluator]] = {}
         self._held: dict[str, _Held] = {}
 
-    def advance(self, unit: Unit, round: int, fills: list[Fill]) -> Round:
+    def advance(self, unit: PopulationJob, round: int, fills: list[SlotFill]) -> Round:
         """Round number ``round`` of a population, from 0. fills: all so far, those of this round included.
 
         Asked again, it answers again. UserError: the device's memory is too small, a checkpoint can't be written.
@@ -109,7 +109,7 @@ class Worker:
         assert held.last is not None
         return held.last
 
-    def prepare(self, units: list[Unit]):
+    def prepare(self, units: list[PopulationJob]):
         """Compile what populations need, unless that is done: beside each other, where there are cores for it.
 
         UserError: memory is too small for those of them that aren't held yet.
@@ -134,7 +134,7 @@ class Worker:
             config, agent = unit.config, make_agent(unit.config)
             own = tuple(name.rpartition(".")[2] for name in unit.floats if name.startswith("world."))
             population = Population(config, agent, unit.members, own)
-            judge = Judge(population.world, config.world.params, agent, unit.episodes, population.policy_shapes())
+            judge = PopulationEvaluator(population.world, config.world.params, agent, unit.episodes, population.policy_shapes())
             self._programs[key] = population, judge
         return self._programs[key]
 
@@ -198,7 +198,7 @@ def _identity(unit, fills, rounds):
 
 
 def _floats(unit, fills):
-    """(`Hyperparameters` `[members]`, the world's floats `[members]`, counters at their start, seeds) of the slots."""
+    """(`HSACHyperparameters` `[members]`, the world's floats `[members]`, counters at their start, seeds) of the slots."""
     latest = {fill.slot: fill for fill in fills}  # in order of their rounds: the last counts
     columns = {
         name: np.full(unit.members, get(unit.config, name), np.float32) for name in unit.floats

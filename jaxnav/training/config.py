@@ -7,7 +7,7 @@ import numpy as np
 from .. import maps
 from ..agents.a2c import A2C, A2CConfig
 from ..agents.encoders import PARTS
-from ..agents.hsac import HSAC, HSACConfig, Hyperparameters
+from ..agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from ..agents.ppo import PPO, PPOConfig, PPOHyperparameters, RolloutConfig
 from ..agents.td3 import TD3, TD3Config, TD3Hyperparameters
 from ..errors import UserError
@@ -128,7 +128,7 @@ class RunConfig:
     resume: bool = False
     world: WorldSettings = WorldSettings()
     agent: HSACConfig = HSACConfig()
-    hyper: Hyperparameters = dataclasses.field(default_factory=Hyperparameters)
+    hyper: HSACHyperparameters = dataclasses.field(default_factory=HSACHyperparameters)
     train: TrainConfig = TrainConfig()
 
 
@@ -172,7 +172,7 @@ ALGORITHMS = {
 
 _MAPS = WorldSettings(observation=PARTS["grid"])
 _PAPER_NET = HSACConfig(encoder="grid", actor_widths=(128,), critic_widths=(128,), batch=256, updates_per_step=4)
-_SLOW = Hyperparameters(actor_lr=3e-4, critic_lr=3e-4)  # convolutions learn sooner than at 1e-3 (docs/learner.md)
+_SLOW = HSACHyperparameters(actor_lr=3e-4, critic_lr=3e-4)  # convolutions learn sooner than at 1e-3 (docs/learner.md)
 PRESETS = {
     "quick": RunConfig(),
     "robust": RunConfig(
@@ -217,7 +217,7 @@ def preset(name, algo="hsac") -> RunConfig:
         return base
     cls = ALGORITHMS[algo][1]
     agent = _like(cls().agent, base.agent, HSACConfig())
-    hyper = _like(cls().hyper, base.hyper, Hyperparameters())
+    hyper = _like(cls().hyper, base.hyper, HSACHyperparameters())
     # Whoever learns from what it has just played plays fewer episodes at once, and as many steps in all. Its chunks
     # stay as long: each draws as many fresh starts as there are episodes; a longer one would use them again.
     episodes = cls().train.episodes

@@ -75,7 +75,7 @@ class Evaluator:
 
         phrases: the split from which people speak.
         """
-        spoken = self.agent.spoken(phrases)
+        spoken = self.agent.vocabulary(phrases)
         blocks = [
             jax.device_get(self._block(actor, voice, spoken, straight, np.uint32(seed), first))
             for first in range(0, episodes, BLOCK)

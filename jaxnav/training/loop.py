@@ -1,12 +1,13 @@
 """The training loop on the device: one jitted chunk of many world steps and updates.
 
-A population is a ``vmap`` of `Trainer.train_chunk` over `LoopState` and `Hyperparameters` with
+A population is a ``vmap`` of `Trainer.train_chunk` over `LoopState` and `HSACHyperparameters` with
 ``in_axes=(member_axes(), 0)``: the counter stays unbatched, so that replay rows and schedules need no second branch.
 """
 
 from typing import Any
 
 import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 
@@ -16,7 +17,7 @@ from ..world import State
 from .randomise import draw
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class LoopState:
     """Everything that training goes on from.
 
@@ -54,7 +55,7 @@ class Trainer:
         self.ranges, self.since, self.shards, self._vmap = ranges, since, shards, vmap
         self._state = jax.eval_shape(lambda key: world.reset(key, params), jax.random.key(0))
         snapshot = jax.eval_shape(world.snapshot, self._state)
-        self._observation = jax.eval_shape(lambda s: world.render(s, params), snapshot)
+        self._observation = jax.eval_shape(lambda s: world.observe_snapshot(s, params), snapshot)
         scalar = jax.ShapeDtypeStruct((), jnp.float32)
         self.replay = Replay(
             rows=config.replay_rows,
@@ -164,7 +165,7 @@ class Trainer:
 
         params, axis = self._params(states.seed)
         snapshots = jax.vmap(world.snapshot)(states)
-        observations = self._vmap(world.render, in_axes=(0, axis))(snapshots, params)
+        observations = self._vmap(world.observe_snapshot, in_axes=(0, axis))(snapshots, params)
         action = self.agent.act(key_act, loop.learner, observations, hyper)
         keys = jax.random.split(key_world, episodes)
         states, outcome = self._vmap(world.step, in_axes=(0, 0, 0, axis))(keys, states, action, params)
@@ -215,7 +216,7 @@ class Trainer:
     def _render(self, transitions, steps: Any = 1):
         def render(snapshots):
             params, axis = self._params(snapshots.seed)
-            return jax.vmap(self.world.render, in_axes=(0, axis))(snapshots, params)
+            return jax.vmap(self.world.observe_snapshot, in_axes=(0, axis))(snapshots, params)
 
         # Both ends of the transitions in one go: half as much to compile.
         pair = jax.tree.map(lambda *leaves: jnp.stack(leaves), transitions.snapshot, transitions.next_snapshot)

@@ -13,6 +13,7 @@ import threading
 import time
 
 import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,7 +37,7 @@ VALIDATION_SEED = 2**31
 _FREE_FIELDS = ("out", "resume", "train.checkpoint_seconds")
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Best:
     """The actor that did best in an evaluation during training, by its worst scene; score -1 before the first."""
 
@@ -45,7 +46,7 @@ class Best:
     step: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Progress:
     """What a checkpoint holds."""
 
@@ -117,7 +118,7 @@ class Run:
 
     def _embeddings(self):
         """What tells the table of embeddings it hears; None if it hears codes."""
-        return None if self.agent.spoken("train") is None else default_table().fingerprint
+        return None if self.agent.vocabulary("train") is None else default_table().fingerprint
 
     def prepare_folder(self):
         """Make the run's folder, or check that it holds the run to resume.
@@ -253,7 +254,7 @@ class Run:
         """Recorded evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
         keys = episode_keys(seed, jnp.asarray(episodes))
         limit = math.ceil(float(self.params.max_steps))
-        policy_params = actor, True, self.agent.spoken("test")  # as in an evaluation
+        policy_params = actor, True, self.agent.vocabulary("test")  # as in an evaluation
         return record(self.world, self.params, self._policy, policy_params, keys, jnp.asarray(scenes), limit)
 
     def metrics(self):

@@ -38,11 +38,11 @@ def address(encounters, code):
     return jnp.where(addressed, code, NONE)
 
 
-def receive(encounter, asked, fate, params):
+def receive(encounter, asked, traits, params):
     """Register a request and reply to it once the pedestrian has taken its 0-2 steps to answer."""
     request = jnp.where(asked != NONE, asked, encounter.request)
-    answers = encounter.is_open & (request != NONE) & (encounter.request_age >= fate.reply_delay)
-    reply = jnp.where(answers, jnp.where(fate.compliance < params.compliance, AGREES, REFUSES), encounter.reply)
+    answers = encounter.is_open & (request != NONE) & (encounter.request_age >= traits.reply_delay)
+    reply = jnp.where(answers, jnp.where(traits.compliance < params.compliance, AGREES, REFUSES), encounter.reply)
     return encounter.replace(request=request, reply=reply)
 
 
@@ -62,22 +62,22 @@ def speak(encounter, robot, pedestrian, message):
     )  # fmt: skip
 
 
-def obeyed_request(encounter, fate, params):
+def obeyed_request(encounter, traits, params):
     """The request the pedestrian is carrying out in this step, else none."""
     obeys = encounter.is_open & (encounter.reply == AGREES)
-    obeys &= encounter.request_age - fate.reply_delay < params.obey_steps
+    obeys &= encounter.request_age - traits.reply_delay < params.obey_steps
     return jnp.where(obeys, encounter.request, NONE)
 
 
-def is_committed(encounter, fate):
+def is_committed(encounter, traits):
     """Whether the pedestrian carries out what it announced and no longer avoids the robot."""
-    return encounter.is_open & encounter.pedestrian_first & (encounter.message_age >= fate.commit_delay)
+    return encounter.is_open & encounter.pedestrian_first & (encounter.message_age >= traits.commit_delay)
 
 
-def decides_alone(encounter, fate, params):
+def decides_alone(encounter, traits, params):
     """Whether a pedestrian with whom nothing is agreed has picked a side of its own and no longer avoids the robot."""
     alone = encounter.is_open & ~encounter.pedestrian_first & (encounter.reply != AGREES)
-    return alone & (encounter.age >= fate.decide_delay) & (fate.decides < params.p_decides_late)
+    return alone & (encounter.age >= traits.decide_delay) & (traits.decides < params.p_decides_late)
 
 
 def fitting_request(robot, pedestrian):
@@ -102,7 +102,7 @@ def follows_message(encounter, robot):
     return encounter.is_open & (stops | right | left)
 
 
-def advance(encounter, fate, robot, pedestrian, turns, walls, word, params):
+def advance(encounter, traits, robot, pedestrian, turns, walls, word, params):
     """Close or open the gate after a step; a pedestrian that is first speaks at opening.
 
     turns: whether the pedestrian has just passed its way point; word: a random uint32, whose lower 16 bits, plus 1,
@@ -116,9 +116,9 @@ def advance(encounter, fate, robot, pedestrian, turns, walls, word, params):
 
     ux, uy = _walking_direction(pedestrian)
     robot_ux, robot_uy = unit(robot.goal_x - robot.x, robot.goal_y - robot.y)
-    first = jnp.where(opens, fate.first < params.p_pedestrian_first, encounter.pedestrian_first)
+    first = jnp.where(opens, traits.first < params.p_pedestrian_first, encounter.pedestrian_first)
     speaks = opens & first
-    message = jnp.where(speaks, _message(fate, robot, pedestrian, ux, uy, walls, params), encounter.message)
+    message = jnp.where(speaks, _message(traits, robot, pedestrian, ux, uy, walls, params), encounter.message)
     message = jnp.where(stays | opens, message, NONE)
     request = jnp.where(stays, encounter.request, NONE)
 
@@ -166,7 +166,7 @@ def _gate(px, py, pedestrian, robot, params):
 
 
 def _walking_direction(pedestrian):
-    """Unit vector toward where the pedestrian walks to: it has one even while standing."""
+    """PopulationJob vector toward where the pedestrian walks to: it has one even while standing."""
     x, y = pedestrian.target()
     x, y = x - pedestrian.x, y - pedestrian.y
     # Who stands on its target walks nowhere: rounding must not become the gradient of a direction.
@@ -179,7 +179,7 @@ def _is_crossing(robot, ux, uy):
     return jnp.abs(jnp.cos(robot.heading) * ux + jnp.sin(robot.heading) * uy) <= COS_45
 
 
-def _message(fate, robot, pedestrian, ux, uy, walls, params):
+def _message(traits, robot, pedestrian, ux, uy, walls, params):
     """What the pedestrian announces: stop when crossing, else its wider side; another one in a share of the cases."""
     beams = jnp.zeros(2), jnp.array([1.0, -1.0])  # straight left and right
     x, y = pedestrian.x, pedestrian.y
@@ -187,6 +187,6 @@ def _message(fate, robot, pedestrian, ux, uy, walls, params):
     side = jnp.where(free_right >= free_left, RIGHT, LEFT)
     usual = jnp.where(_is_crossing(robot, ux, uy), STOP, side)
     # One draw decides on the exception and, where there is one, which of the other two messages it is.
-    shift = jnp.where(fate.message < 0.5 * params.message_exceptions, 1, 2)
+    shift = jnp.where(traits.message < 0.5 * params.message_exceptions, 1, 2)
     other = (usual - 1 + shift) % 3 + 1
-    return jnp.where(fate.message < params.message_exceptions, other, usual)
+    return jnp.where(traits.message < params.message_exceptions, other, usual)

@@ -10,7 +10,7 @@ import numpy as np
 from . import delays, dialogue, pedestrian, placement, reward, scenes, sensing
 from .geometry import closest_approach, norm, time_to_disc, to_frame
 from .robot import arc, twist_from_action
-from .types import NONE, Fate, Outcome, Params, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+from .types import NONE, PedestrianTraits, Outcome, Params, Robot, SeenPedestrian, Snapshot, State, WorldConfig
 from .walls import pad_walls, time_to_walls, walls_from_chains
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
@@ -130,7 +130,7 @@ class World:
         if isinstance(scene, int | np.integer) and not 0 <= scene < len(self.scenes):
             raise ValueError(f"scene is {scene}: give an index into world.scenes, 0 to {len(self.scenes) - 1}")
         self._check_cells(params)
-        key_place, key_fate, key_words = jax.random.split(key, 3)
+        key_place, key_traits, key_words = jax.random.split(key, 3)
         bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
         choice, words = bits[0], bits[2:]
         seed = bits[1] if seed is None else seed
@@ -145,14 +145,14 @@ class World:
             x=x, y=y, heading=heading, v=zero, w=zero, goal_x=goal_x, goal_y=goal_y, start_heading=heading,
             past=jnp.zeros((2, 3)),
         )  # fmt: skip
-        fates = _draw_fates(key_fate, self.config.pedestrians)
+        traits = _draw_traits(key_traits, self.config.pedestrians)
         encounters = jax.vmap(dialogue.start, in_axes=(0, None))(pedestrians, robot)
         turns = jnp.zeros(self.config.pedestrians, bool)
-        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, turns, walls, words, params)
+        encounters = self._advance_encounters(encounters, traits, robot, pedestrians, turns, walls, words, params)
         distance = norm(pedestrians.x - x, pedestrians.y - y) - params.robot_radius - params.body_radius
         distance = jnp.where(pedestrians.present, distance, jnp.inf)
         state = State(
-            t=jnp.int32(0), scene=jnp.int32(scene), seed=seed, robot=robot, pedestrians=pedestrians, fates=fates,
+            t=jnp.int32(0), scene=jnp.int32(scene), seed=seed, robot=robot, pedestrians=pedestrians, traits=traits,
             encounters=encounters, min_distance=jnp.min(distance),
         )  # fmt: skip
         return state.replace(
@@ -185,14 +185,14 @@ class World:
     def step(self, key, state: State, action, params: Params) -> tuple[State, Outcome]:
         """One control period of ``dt``: talk, walk, drive, touch, and see who speaks next. ``key`` draws the words."""
         walls = self.walls(state.scene)
-        before, fates = state.robot, state.fates
+        before, traits = state.robot, state.traits
 
         asked = dialogue.address(state.encounters, action.code)
-        encounters = jax.vmap(dialogue.receive, in_axes=(0, 0, 0, None))(state.encounters, asked, fates, params)
+        encounters = jax.vmap(dialogue.receive, in_axes=(0, 0, 0, None))(state.encounters, asked, traits, params)
         fits = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(before, state.pedestrians)
         fits = jnp.any((asked != NONE) & (asked == fits))
 
-        pedestrians = pedestrian.walk(state.pedestrians, encounters, fates, before, walls, self.config, params)
+        pedestrians = pedestrian.walk(state.pedestrians, encounters, traits, before, walls, self.config, params)
         twist = delays.recall(state.past_twists, action.twist, params.control_latency)
         robot, path = self._drive(before, twist, params)
         arrived, collided, hit_pedestrian, distance = self._contacts(
@@ -211,7 +211,7 @@ class World:
         words = jax.random.bits(key, (self.config.pedestrians,), jnp.uint32)
         replies = encounters.reply
         turns = pedestrians.turned & ~state.pedestrians.turned
-        encounters = self._advance_encounters(encounters, fates, robot, pedestrians, turns, walls, words, params)
+        encounters = self._advance_encounters(encounters, traits, robot, pedestrians, turns, walls, words, params)
         t = state.t + 1
         terminated = arrived | collided
         outcome = Outcome(
@@ -229,7 +229,7 @@ class World:
 
     def observe(self, state: State, params: Params):
         """`Observation` of a state: a pure function, sensor noise included."""
-        return self.render(self.snapshot(state), params)
+        return self.observe_snapshot(self.snapshot(state), params)
 
     def snapshot(self, state: State) -> Snapshot:
         """All that `observe` reads of a state, small: what replay stores."""
@@ -247,14 +247,14 @@ class World:
             past_views=state.past_views,
         )  # fmt: skip
 
-    def render(self, snapshot: Snapshot, params: Params):
+    def observe_snapshot(self, snapshot: Snapshot, params: Params):
         """`Observation` of a snapshot: the same, bit for bit, as at the time of acting."""
         sight = None if self._sight is None else jnp.asarray(self._sight)[snapshot.scene]
-        return sensing.render(snapshot, self.walls(snapshot.scene), sight, self.config, params)
+        return sensing.observe_snapshot(snapshot, self.walls(snapshot.scene), sight, self.config, params)
 
-    def _advance_encounters(self, encounters, fates, robot, pedestrians, turns, walls, words, params):
+    def _advance_encounters(self, encounters, traits, robot, pedestrians, turns, walls, words, params):
         return jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, 0, None, 0, None))(
-            encounters, fates, robot, pedestrians, turns, walls, words, params
+            encounters, traits, robot, pedestrians, turns, walls, words, params
         )
 
     def _drive(self, robot, twist, params):
@@ -302,9 +302,9 @@ def _row(table, scene):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[scene], table)
 
 
-def _draw_fates(key, pedestrians):
+def _draw_traits(key, pedestrians):
     uniform = jax.random.uniform(key, (8, pedestrians))
-    return Fate(
+    return PedestrianTraits(
         first=uniform[0], message=uniform[1], compliance=uniform[2], decides=uniform[3], side=uniform[4],
         reply_delay=(3 * uniform[5]).astype(jnp.int32), commit_delay=2 + (3 * uniform[6]).astype(jnp.int32),
         decide_delay=1 + (4 * uniform[7]).astype(jnp.int32),

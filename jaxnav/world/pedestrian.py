@@ -17,7 +17,7 @@ from .walls import nearest_walls
 _TURN = 0.3  # from its way point a pedestrian turns toward its goal
 
 
-def preferred_velocity(pedestrian, encounter, fate, params):
+def preferred_velocity(pedestrian, encounter, traits, params):
     """Where the pedestrian wants to go: to its goal, or as a request, its announcement or its own late choice says."""
     target_x, target_y = pedestrian.target()
     to_x, to_y = target_x - pedestrian.x, target_y - pedestrian.y
@@ -26,16 +26,16 @@ def preferred_velocity(pedestrian, encounter, fate, params):
     arriving = jnp.minimum(params.preferred_speed, norm(to_x, to_y) / params.dt)
     walk = jnp.where(pedestrian.turned, arriving, params.preferred_speed)
 
-    request = dialogue.obeyed_request(encounter, fate, params)
+    request = dialogue.obeyed_request(encounter, traits, params)
     turn = jnp.where(request == LEFT, COS_45, -COS_45)
     margin_x, margin_y = COS_45 * encounter.ux - turn * encounter.uy, COS_45 * encounter.uy + turn * encounter.ux
 
     # A committed pedestrian tracks a line parallel to the one it was on, half the passing distance to its side. One
     # that commits late has a second left for it, hence up to 72 degrees off its direction, not 45. Before a way point,
     # a door or a corner, there is no room for sides.
-    committed = dialogue.is_committed(encounter, fate)
-    alone = dialogue.decides_alone(encounter, fate, params)
-    side = jnp.where(committed, encounter.message, jnp.where(fate.side < 0.5, RIGHT, LEFT))
+    committed = dialogue.is_committed(encounter, traits)
+    alone = dialogue.decides_alone(encounter, traits, params)
+    side = jnp.where(committed, encounter.message, jnp.where(traits.side < 0.5, RIGHT, LEFT))
     aside = 0.5 * (params.passing_clearance + params.robot_radius + params.body_radius)
     target = jnp.where(side == LEFT, aside, jnp.where(side == RIGHT, -aside, 0.0))
     offset = cross2d(encounter.ux, encounter.uy, pedestrian.x - encounter.x, pedestrian.y - encounter.y)
@@ -59,12 +59,12 @@ def near_walls(x, y, walls, reach, count):
     return found
 
 
-def choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, params):
+def choose_velocity(pedestrian, encounter, traits, robot, others, walls, config, params):
     """New velocity of one pedestrian: the permitted one nearest to `preferred_velocity`.
 
     others: list of (px, py, vx, vy, active), its neighbours relative to it, nearest first.
     """
-    want_x, want_y = preferred_velocity(pedestrian, encounter, fate, params)
+    want_x, want_y = preferred_velocity(pedestrian, encounter, traits, params)
     # No further than it could walk within the horizon, as in RVO2.
     reach = params.time_horizon_walls * params.max_speed + params.body_radius
     near = near_walls(pedestrian.x, pedestrian.y, walls, reach, config.wall_neighbors)
@@ -72,7 +72,7 @@ def choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, p
         near, pedestrian.vx, pedestrian.vy, params.body_radius, params.time_horizon_walls
     )
     px, py = robot.x - pedestrian.x, robot.y - pedestrian.y
-    decided = dialogue.is_committed(encounter, fate) | dialogue.decides_alone(encounter, fate, params)
+    decided = dialogue.is_committed(encounter, traits) | dialogue.decides_alone(encounter, traits, params)
     sees_robot = (norm(px, py) < params.awareness) & ~decided
     robot_vx, robot_vy = robot.v * jnp.cos(robot.heading), robot.v * jnp.sin(robot.heading)
     agents = [(px, py, robot_vx, robot_vy, params.robot_radius + params.body_radius, sees_robot)]
@@ -107,15 +107,15 @@ def near_pedestrians(i, pedestrians, config, params):
     ]  # fmt: skip
 
 
-def walk(pedestrians, encounters, fates, robot, walls, config, params):
+def walk(pedestrians, encounters, traits, robot, walls, config, params):
     """All pedestrians `[P]` after one step of ``dt``; the robot is where it was at the step's beginning."""
 
-    def one(i, pedestrian, encounter, fate):
+    def one(i, pedestrian, encounter, traits):
         others = near_pedestrians(i, pedestrians, config, params)
-        return choose_velocity(pedestrian, encounter, fate, robot, others, walls, config, params)
+        return choose_velocity(pedestrian, encounter, traits, robot, others, walls, config, params)
 
     indices = jnp.arange(config.pedestrians, dtype=jnp.int32)
-    vx, vy = jax.vmap(one)(indices, pedestrians, encounters, fates)
+    vx, vy = jax.vmap(one)(indices, pedestrians, encounters, traits)
     x, y = pedestrians.x + vx * params.dt, pedestrians.y + vy * params.dt
     turned = pedestrians.turned | (norm(pedestrians.via_x - x, pedestrians.via_y - y) < _TURN)
     return pedestrians.replace(x=x, y=y, vx=vx, vy=vy, turned=turned)

@@ -5,7 +5,7 @@ The first candidate that keeps its distances is taken, so that a reset has a fix
 
 import functools
 
-import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,7 +23,7 @@ _DRAWS = 12
 _TRIES = 16  # episodes that `check_starts` tries
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Floors:
     """Rectangles of free space: sides x0, y0, x1, y1 `[4, F]`, of which the first ``count`` are not padding."""
 

@@ -22,7 +22,7 @@ def cell_centres():
     return (((GRID - 1) / 2 - np.arange(GRID)) * CELL).astype(np.float32)
 
 
-def render(snapshot, walls, sight, config, params):
+def observe_snapshot(snapshot, walls, sight, config, params):
     """`Observation` of a snapshot; walls: those of its scene; sight: its index into `SIGHTS`, None for all."""
     cos, sin = jnp.cos(snapshot.heading), jnp.sin(snapshot.heading)
     goal = to_frame(snapshot.goal_x - snapshot.x, snapshot.goal_y - snapshot.y, cos, sin)

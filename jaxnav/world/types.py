@@ -8,7 +8,7 @@ times seconds, angles radians counter-clockwise; the robot frame has x forward a
 import dataclasses
 from typing import Literal
 
-import chex
+from flax import struct
 import jax
 import jax.numpy as jnp
 
@@ -91,7 +91,7 @@ class WorldConfig:
             raise ValueError("world.scenes is empty: name at least one scene")
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Params:
     """Every float of the world: leaves, so that ``vmap`` over them is domain randomisation.
 
@@ -143,7 +143,7 @@ class Params:
     comfort_distance: float = 0.5  # surface distance of the comfort metric, m
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Action:
     """twist: `[2]` in [-1, 1], scaled to [0, max_v] and [-max_w, max_w]; code: int, an index into `REQUESTS`."""
 
@@ -151,7 +151,7 @@ class Action:
     code: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class WallCells:
     """Which walls can be seen, or touched within a step, from each square cell of a large floor plan.
 
@@ -169,7 +169,7 @@ class WallCells:
     margin: float
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Walls:
     """Closed polygon chains drawn with one pen: wall i joins vertex i to vertex i + 1 where ``solid[i]``.
 
@@ -205,7 +205,7 @@ class Walls:
         return x[i], y[i], x[i + 1], y[i + 1], solid[i] & (self.listed >= 0)
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Robot:
     """x, y, heading: pose; v, w: the twist of the last step; goal_x, goal_y; start_heading: heading at reset;
     past: `[2, 3]` goal in the robot frame and turned angle at t - 2 and t - 1, zeros before the start."""
@@ -221,7 +221,7 @@ class Robot:
     past: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Pedestrian:
     """x, y, vx, vy: position and velocity; goal_x, goal_y: where it walks to, by way of via_x, via_y until it has
     turned there; present: whether it is in this episode at all. In `State` every field is `[P]`."""
@@ -242,8 +242,8 @@ class Pedestrian:
         return jnp.where(self.turned, self.goal_x, self.via_x), jnp.where(self.turned, self.goal_y, self.via_y)
 
 
-@chex.dataclass(frozen=True)
-class Fate:
+@struct.dataclass
+class PedestrianTraits:
     """What chance decides of a pedestrian's one encounter, drawn at reset. In `State` every field is `[P]`.
 
     first, message, compliance, decides: uniform in [0, 1), compared with probabilities when they are needed; side:
@@ -261,7 +261,7 @@ class Fate:
     decide_delay: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Encounter:
     """Where the dialogue with a pedestrian stands. In `State` every field is `[P]`.
 
@@ -294,7 +294,7 @@ class Encounter:
     robot_uy: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class View:
     """What a scan is taken of. t: when; x, y, heading: the robot's pose; pedestrian_x, pedestrian_y, pedestrian_vx,
     pedestrian_vy: `[P]`."""
@@ -309,7 +309,7 @@ class View:
     pedestrian_vy: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class State:
     """One episode. t: steps taken; scene: index into ``WorldConfig.scenes``; seed: uint32 of the sensor noise;
     min_distance: smallest surface distance to a pedestrian so far; past_views: `View` `[scan_delay]`; past_twists:
@@ -320,14 +320,14 @@ class State:
     seed: jax.Array
     robot: Robot
     pedestrians: Pedestrian
-    fates: Fate
+    traits: PedestrianTraits
     encounters: Encounter
     min_distance: jax.Array
     past_views: View | None = None
     past_twists: jax.Array | None = None
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class SeenPedestrian:
     """What `observe` reads of one pedestrian and its encounter. In `Snapshot` every field is `[P]`."""
 
@@ -347,7 +347,7 @@ class SeenPedestrian:
     utterance: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Snapshot:
     """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
 
@@ -371,7 +371,7 @@ class Snapshot:
     past_views: View | None = None
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class ObservedDialogue:
     """The dialogue with each observed pedestrian, `[K]` int32 each, `utterance` uint32; all zero while silent."""
 
@@ -385,7 +385,7 @@ class ObservedDialogue:
     utterance: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Observation:
     """What the robot senses. Parts that ``WorldConfig.observation`` leaves out are None.
 
@@ -411,7 +411,7 @@ class Observation:
     pedestrian_map: jax.Array | None = None
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class RewardTerms:
     """The parts of a step's reward; they add up to it.
 
@@ -427,7 +427,7 @@ class RewardTerms:
     response: jax.Array
 
 
-@chex.dataclass(frozen=True)
+@struct.dataclass
 class Outcome:
     """What a step led to.
 

@@ -7,7 +7,7 @@ be elsewhere costs, and so does any other word. Which is the right one can be se
 import jax
 import numpy as np
 
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.agents.learner import Batch
 from jaxnav.world import Observation
 from jaxnav.world.types import ObservedDialogue
@@ -74,7 +74,7 @@ def ideal(line):
 
 def test_a_task_of_plain_numpy_is_learnt_in_an_ordinary_loop():
     agent = HSAC(HSACConfig(encoder="lidar", language="codes", actor_widths=(64,), critic_widths=(64, 64)))
-    hyper = Hyperparameters(reward_scale=1.0, discount=0.9, actor_lr=3e-3, critic_lr=3e-3, tau=0.02, average=0.02)
+    hyper = HSACHyperparameters(reward_scale=1.0, discount=0.9, actor_lr=3e-3, critic_lr=3e-3, tau=0.02, average=0.02)
     init, act, update, best = map(jax.jit, (agent.init, agent.act, agent.update, agent.best_action))
     line = Line(np.random.default_rng(0), POINTS)
     learner = init(jax.random.key(0), jax.tree.map(lambda leaf: leaf[0], line.observe()), hyper)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxnav.agents.distributions import code_log_probabilities
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters, soft_value
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters, soft_value
 
 SIZES = {"actor_widths": (16,), "critic_widths": (16, 16)}
 AGENT = HSAC(HSACConfig(**SIZES))
@@ -15,7 +15,7 @@ init, update, act, best_action = map(jax.jit, (AGENT.init, AGENT.update, AGENT.a
 
 @pytest.fixture(scope="module")
 def fresh(blank_observation):
-    return init(jax.random.key(1), blank_observation(), Hyperparameters())
+    return init(jax.random.key(1), blank_observation(), HSACHyperparameters())
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def targets(fresh):
     @jax.vmap
     def slopes(transition, discount):
         one = jax.tree.map(lambda leaf: leaf[None], transition)
-        hyper = Hyperparameters(discount=discount, reward_scale=0.1)
+        hyper = HSACHyperparameters(discount=discount, reward_scale=0.1)
         gradient, _ = jax.grad(agent._critic_loss, has_aux=True)(
             mute, jax.random.key(2), fresh, one, temperatures, hyper
         )
@@ -96,21 +96,21 @@ def updated(state, batch, hyper, updates=3):
 @pytest.mark.parametrize("name", ["twist", "code"])
 def test_temperature_rises_while_entropy_is_below_its_target(fresh, batch, name):
     entropy_field = f"target_entropy_{name}"
-    high = updated(fresh, batch, Hyperparameters(**{entropy_field: 50.0}))[0].log_temperatures[name]
-    low = updated(fresh, batch, Hyperparameters(**{entropy_field: -50.0}))[0].log_temperatures[name]
+    high = updated(fresh, batch, HSACHyperparameters(**{entropy_field: 50.0}))[0].log_temperatures[name]
+    low = updated(fresh, batch, HSACHyperparameters(**{entropy_field: -50.0}))[0].log_temperatures[name]
     assert float(high) > np.log(0.05) > float(low)
 
 
 def test_where_no_code_counts_its_temperature_rests(fresh, batch):
     nowhere = np.zeros(32, bool)
     silent = batch.replace(observation=batch.observation.replace(may_request=nowhere), code=np.zeros(32, np.int32))
-    state, metrics = updated(fresh, silent, Hyperparameters())
+    state, metrics = updated(fresh, silent, HSACHyperparameters())
     assert float(state.log_temperatures["code"]) == pytest.approx(np.log(0.05))
     assert float(metrics["code_entropy"]) == 0.0
 
 
 def test_update_changes_everything_targets_by_tau_and_averages_by_their_share(fresh, batch):
-    hyper = Hyperparameters(tau=0.25, average=0.125)
+    hyper = HSACHyperparameters(tau=0.25, average=0.125)
     after, _ = update(jax.random.key(0), fresh, batch, hyper, 1.0)
     assert_close(
         after.target_critic, jax.tree.map(lambda a, b: a + 0.25 * (b - a), fresh.critic, after.critic), atol=1e-7
@@ -126,7 +126,7 @@ def test_learning_rates_scale_the_step(fresh, batch):
     """Adam's first step is the learning rate times the sign of the gradient, so twice the rate is twice the step."""
 
     def step(lr_scale=1.0, **rates):
-        after, _ = update(jax.random.key(0), fresh, batch, Hyperparameters(**rates), lr_scale)
+        after, _ = update(jax.random.key(0), fresh, batch, HSACHyperparameters(**rates), lr_scale)
         names = ("actor", "critic", "log_temperatures")
         return {name: jax.tree.map(lambda a, b: a - b, after[name], fresh[name]) for name in names}
 
@@ -143,16 +143,16 @@ def test_learning_rates_scale_the_step(fresh, batch):
 
 def test_the_reward_counts_by_its_scale(fresh, batch):
     """Scaled by so much, or that much greater: it is the same."""
-    scaled, _ = update(jax.random.key(0), fresh, batch, Hyperparameters(reward_scale=0.5), 1.0)
+    scaled, _ = update(jax.random.key(0), fresh, batch, HSACHyperparameters(reward_scale=0.5), 1.0)
     greater = batch.replace(reward=50 * batch.reward)
-    same, _ = update(jax.random.key(0), fresh, greater, Hyperparameters(reward_scale=0.01), 1.0)
+    same, _ = update(jax.random.key(0), fresh, greater, HSACHyperparameters(reward_scale=0.01), 1.0)
     assert_close(scaled.critic, same.critic, atol=1e-6)
 
 
 def test_act_and_best_action_keep_silent_where_codes_do_not_count(fresh, blank_observation):
     for may_request in (True, False):
         observation = blank_observation(may_request, (512,))
-        codes = np.asarray(act(jax.random.key(0), fresh, observation, Hyperparameters()).code)
+        codes = np.asarray(act(jax.random.key(0), fresh, observation, HSACHyperparameters()).code)
         assert (codes > 0).any() == may_request
     loud = jax.tree.map(lambda leaf: leaf, fresh.actor)
     loud["params"]["code_head"]["bias"] = jnp.array([0.0, 9.0, 0.0, 0.0])

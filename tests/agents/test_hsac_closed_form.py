@@ -8,11 +8,11 @@ import scipy.optimize
 import scipy.special
 
 from jaxnav.agents.distributions import twist_log_density
-from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, Hyperparameters, soft_value
+from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters, soft_value
 from jaxnav.agents.learner import Batch
 
 ALPHA = {"twist": 0.1, "code": 0.2}
-HYPER = Hyperparameters(
+HYPER = HSACHyperparameters(
     actor_lr=3e-3, critic_lr=3e-3, temperature_lr=0.0, discount=0.8, tau=0.05, average=0.05, reward_scale=1.0
 )
 ROWS, UPDATES, BATCH = 20_000, 2500, 128

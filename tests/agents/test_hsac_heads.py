@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters
 
 SIZES = {"language": "codes", "actor_widths": (16,), "critic_widths": (16,)}
-HYPER = Hyperparameters()
+HYPER = HSACHyperparameters()
 CODES = 4
 
 

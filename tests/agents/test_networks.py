@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.agents.networks import LOG_STD_RANGE, Actor, LangPreNet, message_codes
 from jaxnav.language.table import default_table
 
@@ -19,7 +19,7 @@ def agent():
 
 @pytest.fixture(scope="module")
 def actor(agent, blank_observation):
-    return jax.jit(agent.init)(jax.random.key(0), blank_observation(), Hyperparameters()).actor
+    return jax.jit(agent.init)(jax.random.key(0), blank_observation(), HSACHyperparameters()).actor
 
 
 def test_the_other_side_swaps_right_and_left_exactly():
@@ -57,7 +57,7 @@ def test_codes_are_the_messages():
 
 def test_the_auxiliary_loss_teaches_what_phrases_mean(agent, actor):
     """Gradient descent on it alone: the phrases of the train split are understood, and most others with them."""
-    hyper = Hyperparameters()
+    hyper = HSACHyperparameters()
 
     @jax.jit
     def learn(actor, key):

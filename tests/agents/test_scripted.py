@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.scripted import Tongue, orca_robot, planner, straight_line
+from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.training.evaluation import episode_keys
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 from jaxnav.world.types import NONE, STOP
 
 ROBOTS = (straight_line, planner, orca_robot)
-BOTH, DEAF, MUTED = Tongue(True, True), Tongue(False, True), Tongue(True, False)
+BOTH, DEAF, MUTED = DialogueAbility(True, True), DialogueAbility(False, True), DialogueAbility(True, False)
 HARD = (*SUITES["hard"], *SUITES["hard-laser"])
 GIVEN = (*SUITES["parity"], *SUITES["hard"])  # a twin of the hard suite is the same to those who look at nobody
 STEPS = 100
@@ -39,7 +39,7 @@ def _program(names, pedestrians):
     robots = ROBOTS[:2] if pedestrians > 1 else ROBOTS
     world = World(WorldConfig(scenes=names, pedestrians=pedestrians))
 
-    def episode(key, robot, tongue, scene, alone, params):
+    def episode(key, robot, ability, scene, alone, params):
         key_reset, key_steps = jax.random.split(key)
         state = world.reset(key_reset, params, scene)
         state = state.replace(pedestrians=state.pedestrians.replace(present=state.pedestrians.present & ~alone))
@@ -47,7 +47,7 @@ def _program(names, pedestrians):
         def step(carry, key):
             state, played, over = carry
             branches = [functools.partial(one, world=world, params=params) for one in robots]
-            action = jax.lax.switch(robot, branches, tongue, state)
+            action = jax.lax.switch(robot, branches, ability, state)
             state, outcome = world.step(key, state, action, params)
             now = Played(
                 arrived=played.arrived | (outcome.arrived & ~over),
@@ -64,18 +64,18 @@ def _program(names, pedestrians):
     return jax.jit(jax.vmap(episode, in_axes=(0, None, None, None, None, None)))
 
 
-def played(robot, name, tongue=BOTH, alone=False, episodes=BLOCK):
+def played(robot, name, ability=BOTH, alone=False, episodes=BLOCK):
     """`Played` by that robot in that scene, among its people or without any; once for all tests."""
-    return _played(robot, name, tongue, alone, episodes)
+    return _played(robot, name, ability, alone, episodes)
 
 
 @functools.cache
-def _played(robot, name, tongue, alone, episodes):
+def _played(robot, name, ability, alone, episodes):
     crowded = SCENES[name].crowd not in (None, (1, 1))
     names = tuple(one for one in SCENES if (SCENES[one].crowd not in (None, (1, 1))) == crowded)
     program = _program(names, 8 if crowded else 1)
     params = jax.tree.map(np.float32, default_params((name,)))
-    rest = ROBOTS.index(robot), Tongue(*map(np.bool_, tongue)), names.index(name), np.bool_(alone), params
+    rest = ROBOTS.index(robot), DialogueAbility(*map(np.bool_, ability)), names.index(name), np.bool_(alone), params
     blocks = [
         jax.device_get(program(episode_keys(0, first + jnp.arange(BLOCK)), *rest))
         for first in range(0, episodes, BLOCK)

@@ -109,7 +109,7 @@ def test_it_explores_around_its_twist_within_the_range_and_is_silent(fresh, rand
     assert np.abs(wild.twist).max() == 1.0
     for each in (best, action, wild):
         assert each.code.shape == (2000,) and each.code.dtype == jnp.int32 and not each.code.any()
-    assert AGENT.spoken("train") is None
+    assert AGENT.vocabulary("train") is None
 
 
 @pytest.mark.parametrize(

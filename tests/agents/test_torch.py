@@ -10,7 +10,7 @@ import torch
 from torch.nn import functional as F
 
 from jaxnav.agents.a2c import A2C, A2CConfig
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.agents.ppo import PPO, PPOConfig, PPOHyperparameters
 from jaxnav.agents.td3 import TD3, TD3Config, TD3Hyperparameters
 
@@ -50,7 +50,7 @@ def assert_moved(before, after, *names):
 
 # HSAC
 
-HSAC_HYPER = Hyperparameters(
+HSAC_HYPER = HSACHyperparameters(
     actor_lr=0.3, critic_lr=0.5, temperature_lr=0.2, discount=0.9, tau=0.3, average=0.2, reward_scale=1.5,
     target_entropy_twist=-1.0, target_entropy_code=0.5,
 )  # fmt: skip
@@ -254,8 +254,8 @@ HORIZON, EPISODES = 4, 6
 def test_ppo_and_a2c(agent, longest, blank_observation, random_batch):
     hyper, rng = PPO_HYPER.replace(max_gradient_norm=longest), np.random.default_rng(0)
     batch = random_batch(rng, (HORIZON, EPISODES))
-    fates = set(zip(batch.terminated.flat, batch.ended.flat, strict=True))
-    assert fates == {(True, True), (False, True), (False, False)}
+    traits = set(zip(batch.terminated.flat, batch.ended.flat, strict=True))
+    assert traits == {(True, True), (False, True), (False, False)}
     before = random_learner(agent, blank_observation(), hyper, rng)
 
     @jax.jit

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxnav.agents.distributions import BINS, histogram
-from jaxnav.agents.hsac import HSAC, HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.agents.layers import BatchNorm
 
-HYPER = Hyperparameters()
+HYPER = HSACHyperparameters()
 
 
 @given(st.lists(st.floats(-40.0, 40.0, width=32), min_size=1, max_size=5))

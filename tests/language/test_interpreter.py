@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from jaxnav.language.interpreter import Ears, Reader
+from jaxnav.language.interpreter import PolicyInterpreter, LanguageModelInterpreter
 from jaxnav.world.types import LEFT, NONE, REFUSES, RIGHT, STOP
 
 
 def ears(message=(0.01, 0.01, 0.97, 0.01), reply=(0.9, 0.05, 0.05)):
-    """Ears that always understand the same."""
+    """PolicyInterpreter that always understand the same."""
     heard = []
 
     def embed(text):
@@ -18,7 +18,7 @@ def ears(message=(0.01, 0.01, 0.97, 0.01), reply=(0.9, 0.05, 0.05)):
         return np.ones(4, np.float32)
 
     logs = np.log(np.array([message])), np.log(np.array([reply]))
-    made = Ears(embed, lambda words: logs if words.shape == (1, 4) else pytest.fail("one sentence at a time"))
+    made = PolicyInterpreter(embed, lambda words: logs if words.shape == (1, 4) else pytest.fail("one sentence at a time"))
     made.heard = heard
     return made
 
@@ -59,7 +59,7 @@ def reader(stub):
     from jaxnav.language.llm import LanguageModel
 
     server = stub(lambda question: '{"message": "stop", "reply": "refuses"}')
-    return Reader(LanguageModel(server.url, "m", "key", limit=0.3), ears()), server
+    return LanguageModelInterpreter(LanguageModel(server.url, "m", "key", limit=0.3), ears()), server
 
 
 def test_a_language_model_reads(reader):

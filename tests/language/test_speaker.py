@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxnav.language.speaker import REPEAT, Context, Storyteller, Templates, expresses, sentences
+from jaxnav.language.speaker import REPEAT, Context, LanguageModelSpeaker, TemplateSpeaker, expresses, sentences
 from jaxnav.world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
 
 CONTEXTS = [
@@ -42,7 +42,7 @@ def test_no_sentence_of_another_context_passes_for_a_side(code, asked_by):
 
 
 def test_templates_vary():
-    templates = Templates()
+    templates = TemplateSpeaker()
     said = {templates.say(Context(RIGHT, "pedestrian")) for _ in range(12)}
     assert len(said) >= 4
     assert all("right" in sentence and "left" not in sentence for sentence in said)
@@ -158,7 +158,7 @@ def test_a_server_never_delays_the_loop_nor_says_a_wrong_side(stub, good_answer,
     server = stub(good_answer)
     server.behaviour = behaviour
     url = server.url if behaviour is not None else "http://127.0.0.1:9/v1"
-    speaker = Storyteller(LanguageModel(url, "m", "key", limit=0.3))
+    speaker = LanguageModelSpeaker(LanguageModel(url, "m", "key", limit=0.3))
     control = Control(speaker)
     contexts = [Context(code, who) for code, who in itertools.product((RIGHT, LEFT, STOP), ("robot", "pedestrian"))]
     control.run(contexts, steps=10)
@@ -175,7 +175,7 @@ def test_what_was_said_well_is_kept(stub, good_answer):
     from jaxnav.language.llm import LanguageModel
 
     server = stub(good_answer)
-    speaker = Storyteller(LanguageModel(server.url, "m", "key"))
+    speaker = LanguageModelSpeaker(LanguageModel(server.url, "m", "key"))
     first = speaker.say(Context(RIGHT))
     assert speaker.say(Context(RIGHT)) == first
     assert len(server.asked) == 1

@@ -56,7 +56,7 @@ def crowd(episodes):
 
         fields = {
             name: jax.tree.map(gather, *(episode.states[name] for episode in group))
-            for name in ("pedestrians", "fates", "encounters")
+            for name in ("pedestrians", "traits", "encounters")
         }
         shortest = next(episode for episode in group if len(episode.states.t) == length)
         crowded.append(dataclasses.replace(shortest, states=shortest.states.replace(**fields)))

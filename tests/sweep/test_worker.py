@@ -7,7 +7,7 @@ import pytest
 
 from jaxnav.errors import UserError
 from jaxnav.sweep import phases
-from jaxnav.sweep.worker import Fill, Worker
+from jaxnav.sweep.worker import SlotFill, Worker
 
 
 def unit(sweep, folder):
@@ -16,7 +16,7 @@ def unit(sweep, folder):
 
 
 def fill(sweep, round, slot, rate):
-    return Fill(round, slot, seed=slot, values=sweep.base_values() | {"hyper.actor_lr": rate})
+    return SlotFill(round, slot, seed=slot, values=sweep.base_values() | {"hyper.actor_lr": rate})
 
 
 def plain(round):

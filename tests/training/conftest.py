@@ -86,13 +86,13 @@ def _assert_same():
 class Talker:
     """An agent without a network: full speed toward the goal, and a request that depends on how far it is."""
 
-    def spoken(self, split):
+    def vocabulary(self, split):
         return None
 
     def policy(self, learner):
         return learner.actor
 
-    def best_action(self, actor, observation, voice=True, spoken=None):
+    def best_action(self, actor, observation, voice=True, vocabulary=None):
         x, y = observation.pose[2, 0], observation.pose[2, 1]
         code = 1 + (10.0 * jnp.hypot(x, y)).astype(jnp.int32) % 3
         twist = jnp.stack([jnp.float32(actor), jnp.clip(2.0 * jnp.arctan2(y, x), -1.0, 1.0)])

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from jaxnav.agents.hsac import HSACConfig, Hyperparameters
+from jaxnav.agents.hsac import HSACConfig, HSACHyperparameters
 from jaxnav.training.config import RunConfig, TrainConfig, WorldSettings
 from jaxnav.training.dataclass_json import differences, from_json, to_json
 from jaxnav.world import Params
@@ -13,7 +13,7 @@ from jaxnav.world import Params
 def test_every_field_survives_json():
     config = RunConfig(
         scene="hallway", seed=7, world=WorldSettings(beams=31, hearing=False, params=Params(compliance=0.25)),
-        agent=HSACConfig(critic_widths=(3, 5)), hyper=Hyperparameters(tau=0.5), train=TrainConfig(episodes=3),
+        agent=HSACConfig(critic_widths=(3, 5)), hyper=HSACHyperparameters(tau=0.5), train=TrainConfig(episodes=3),
     )  # fmt: skip
     again = from_json(RunConfig, json.loads(json.dumps(to_json(config))))
     assert again == config

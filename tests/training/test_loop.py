@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.hsac import HSAC, Hyperparameters
+from jaxnav.agents.hsac import HSAC, HSACHyperparameters
 from jaxnav.agents.learner import Batch
 from jaxnav.training.config import TrainConfig
 from jaxnav.training.loop import Trainer
@@ -61,7 +61,7 @@ class Keeper(Wanderer):
 
 
 def hyperparameters(**values):
-    return jax.tree.map(jnp.float32, Hyperparameters(**values))
+    return jax.tree.map(jnp.float32, HSACHyperparameters(**values))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.hsac import Hyperparameters
+from jaxnav.agents.hsac import HSACHyperparameters
 from jaxnav.errors import UserError
 from jaxnav.training.config import make_agent, resolve
 from jaxnav.training.population import Population, member
@@ -25,8 +25,8 @@ def population(tiny):
 
 
 def hyper(**leaves):
-    """`Hyperparameters` `[members]`: those of `MEMBERS`, and ``leaves`` for all."""
-    each = [Hyperparameters(**values | leaves) for values in MEMBERS]
+    """`HSACHyperparameters` `[members]`: those of `MEMBERS`, and ``leaves`` for all."""
+    each = [HSACHyperparameters(**values | leaves) for values in MEMBERS]
     return jax.tree.map(lambda *values: jnp.float32(values), *each)
 
 
@@ -50,7 +50,7 @@ def test_members_are_what_each_is_alone(population, whole):
     assert trained.env_steps == 10 * population.config.train.episodes
     assert trained.broken == (None,) * 4
     for i, values in enumerate(MEMBERS):
-        floats = jax.tree.map(jnp.float32, Hyperparameters(**values))
+        floats = jax.tree.map(jnp.float32, HSACHyperparameters(**values))
         alone = init(jax.random.key(SEEDS[i]), floats)
         for _ in range(2):
             alone, _ = chunk(alone, floats)

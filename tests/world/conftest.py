@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxnav.world import Action, Params, State, World, WorldConfig
-from jaxnav.world.types import Encounter, Fate, Pedestrian, Robot
+from jaxnav.world.types import Encounter, PedestrianTraits, Pedestrian, Robot
 
 EPISODES = 2048
 
@@ -125,7 +125,7 @@ def situation(
             vy=(speed * (goal_y - y) / length).astype(np.float32), goal_x=goal_x, goal_y=goal_y,
             via_x=goal_x, via_y=goal_y, turned=each(True, bool), present=each(True, bool),
         ),
-        fates=Fate(
+        traits=PedestrianTraits(
             first=each(first_draw), message=each(message_draw), compliance=each(compliance_draw),
             decides=each(0.5), side=each(side_draw), reply_delay=each(reply_delay, np.int32),
             commit_delay=each(commit_delay, np.int32), decide_delay=each(decide_delay, np.int32),

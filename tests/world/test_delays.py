@@ -110,7 +110,7 @@ def test_replay_gives_late_snapshots_back_and_each_episode_has_its_own_latency(d
     latencies = np.arange(40) % (SCAN_DELAY + 1)
 
     def scan(snapshot, latency):
-        return WORLD.render(snapshot, PARAMS.replace(scan_latency=latency)).scan
+        return WORLD.observe_snapshot(snapshot, PARAMS.replace(scan_latency=latency)).scan
 
     scans = jax.jit(jax.vmap(scan))(drawn, latencies.astype(np.float32))
     then = np.maximum(np.asarray(drawn.t) - latencies, 0)

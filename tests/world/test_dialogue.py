@@ -20,7 +20,7 @@ ASKED = {"is_open": True, "met": True, "distance": 2.6}
 def advance(state, params, word=WORD, turns=False):
     """`dialogue.advance` of every pedestrian of a state; the state with the new encounters."""
     encounters = jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, None, None, None, None))(
-        state.encounters, state.fates, state.robot, state.pedestrians, turns, WORLD.walls(state.scene), word, params
+        state.encounters, state.traits, state.robot, state.pedestrians, turns, WORLD.walls(state.scene), word, params
     )
     return state.replace(encounters=encounters)
 
@@ -121,7 +121,7 @@ class TestWords:
         draws = jnp.array((np.arange(1000) + 0.5) / 1000, jnp.float32)[:, None]
 
         def message(draw):
-            return advance(state.replace(fates=state.fates.replace(message=draw)), Params()).encounters.message[0]
+            return advance(state.replace(traits=state.traits.replace(message=draw)), Params()).encounters.message[0]
 
         counts = np.bincount(jax.vmap(message)(draws), minlength=4)
         expected = np.array([0, 100, 100, 100])
@@ -320,13 +320,13 @@ class TestDecidingAlone:
     )
     def test_only_one_with_whom_nothing_is_agreed_does_and_after_its_delay(self, situation, encounter, decides):
         state = situation(decide_delay=3, **{"is_open": True, "age": 3} | encounter)
-        assert dialogue.decides_alone(state.encounters, state.fates, Params(p_decides_late=1.0)).item() == decides
+        assert dialogue.decides_alone(state.encounters, state.traits, Params(p_decides_late=1.0)).item() == decides
 
     @pytest.mark.parametrize(("p", "share"), [(0.0, 0.0), (0.3, 0.3), (1.0, 1.0)])
     def test_a_share_of_all_do(self, situation, p, share):
         state = situation(is_open=True, age=4)
         draws = ((np.arange(1000) + 0.5) / 1000).astype(np.float32)
-        decided = dialogue.decides_alone(state.encounters, state.fates.replace(decides=draws), Params(p_decides_late=p))
+        decided = dialogue.decides_alone(state.encounters, state.traits.replace(decides=draws), Params(p_decides_late=p))
         assert decided.mean() == pytest.approx(share)
 
     @pytest.mark.parametrize("delay", [1, 2, 4])
@@ -364,12 +364,12 @@ def test_a_deaf_robot_observes_silence_while_the_pedestrian_commits(default, var
 
 def test_chance_is_spread_as_specified(random_episodes):
     """Replies after 0-2 steps, commitments after 2-4, own decisions after 1-4, evenly; the draws are independent."""
-    fates = jax.tree.map(lambda leaf: leaf[0, :, 0], random_episodes[0].fates)
-    for delays, first, last in ((fates.reply_delay, 0, 2), (fates.commit_delay, 2, 4), (fates.decide_delay, 1, 4)):
+    traits = jax.tree.map(lambda leaf: leaf[0, :, 0], random_episodes[0].traits)
+    for delays, first, last in ((traits.reply_delay, 0, 2), (traits.commit_delay, 2, 4), (traits.decide_delay, 1, 4)):
         values, counts = np.unique(delays, return_counts=True)
         assert values.tolist() == list(range(first, last + 1))
         assert counts / len(delays) == pytest.approx([1 / len(values)] * len(values), abs=0.04)
-    uniform = np.stack([fates.first, fates.message, fates.compliance, fates.decides, fates.side])
+    uniform = np.stack([traits.first, traits.message, traits.compliance, traits.decides, traits.side])
     np.testing.assert_allclose(uniform.mean(axis=1), 0.5, atol=0.03)
     assert np.abs(np.corrcoef(uniform) - np.eye(5)).max() < 0.08
 

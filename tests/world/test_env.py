@@ -115,7 +115,7 @@ def test_steps_are_deterministic_and_their_key_only_words_what_is_said(default, 
 def test_resets_are_deterministic_and_differ_by_key(default):
     keys = jax.random.split(jax.random.key(1), 2048).at[1].set(jax.random.key(9)).at[0].set(jax.random.key(9))
     state = jax.tree.map(np.asarray, default.resets(keys, Params(), np.zeros(2048, np.int32)))
-    for leaf in jax.tree.leaves((state.robot, state.pedestrians, state.fates, state.seed)):
+    for leaf in jax.tree.leaves((state.robot, state.pedestrians, state.traits, state.seed)):
         assert np.array_equal(leaf[0], leaf[1])
     assert np.unique(state.robot.x).size > 2000
     assert np.unique(state.seed).size > 2000

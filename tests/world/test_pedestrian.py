@@ -15,7 +15,7 @@ DIAGONAL = np.sqrt(0.5)
 @jax.jit
 def _wants(state, params):
     vx, vy = jax.vmap(pedestrian.preferred_velocity, in_axes=(0, 0, 0, None))(
-        state.pedestrians, state.encounters, state.fates, params
+        state.pedestrians, state.encounters, state.traits, params
     )
     return jnp.stack([vx[0], vy[0]])
 
@@ -129,7 +129,7 @@ def walk():
         lambda state, params: pedestrian.walk(
             state.pedestrians,
             state.encounters,
-            state.fates,
+            state.traits,
             state.robot,
             world.walls(state.scene),
             world.config,
@@ -222,7 +222,7 @@ def random_walks():
         walls = world.walls(scene)
 
         def step(walkers, _):
-            walkers = pedestrian.walk(walkers, state.encounters, state.fates, state.robot, walls, config, params)
+            walkers = pedestrian.walk(walkers, state.encounters, state.traits, state.robot, walls, config, params)
             return walkers, (walkers.x, walkers.y, wall_clearance(walkers.x, walkers.y, walls))
 
         return jax.lax.scan(step, state.pedestrians, None, length=60)[1]
@@ -266,7 +266,7 @@ def test_two_who_walk_at_each_other_never_overlap(situation):
 
         def step(walkers, _):
             walkers = pedestrian.walk(
-                walkers, state.encounters, state.fates, state.robot, world.walls(0), config, params
+                walkers, state.encounters, state.traits, state.robot, world.walls(0), config, params
             )
             return walkers, jnp.hypot(walkers.x[1] - walkers.x[0], walkers.y[1] - walkers.y[0])
 

@@ -149,7 +149,7 @@ def assert_states(played, config, params):
     states, outcomes = played.states, played.outcomes
     people, encounters = states.pedestrians, states.encounters
     assert np.all(states.t == np.arange(STEPS + 1))
-    for leaf in (states.scene, states.seed, people.present, people.goal_x, states.fates.first):
+    for leaf in (states.scene, states.seed, people.present, people.goal_x, states.traits.first):
         np.testing.assert_array_equal(leaf, np.broadcast_to(leaf[:, :1], leaf.shape))
 
     # Who is there: of the scene's crowd as many as the world has slots for, first slots first; else as many as asked.

@@ -111,7 +111,7 @@ def walk(situation):
     def step(crowd, walls):
         fields = dict(zip(("x", "y", "vx", "vy", "goal_x", "goal_y"), crowd.T, strict=True))
         pedestrians = still.pedestrians.replace(**fields)
-        walked = pedestrian.walk(pedestrians, still.encounters, still.fates, still.robot, walls, CONFIG, PARAMS)
+        walked = pedestrian.walk(pedestrians, still.encounters, still.traits, still.robot, walls, CONFIG, PARAMS)
         return jnp.stack([walked.vx, walked.vy], axis=-1)
 
     return jax.jit(jax.vmap(step))
@@ -165,7 +165,7 @@ def walk_freely():
     nothing = jax.tree.map(jnp.asarray, walls_from_chains(NOWHERE))
 
     def step(state, params):
-        return pedestrian.walk(state.pedestrians, state.encounters, state.fates, state.robot, nothing, config, params)
+        return pedestrian.walk(state.pedestrians, state.encounters, state.traits, state.robot, nothing, config, params)
 
     return jax.jit(jax.vmap(step, in_axes=(0, None)))
 

@@ -138,7 +138,7 @@ def test_the_scan_sees_bodies_of_their_radius(default, situation):
 
 def test_rendering_a_snapshot_is_observing_bit_by_bit(crowd, situation, action):
     """One jitted function renders what it is given, at the time of acting and from what replay has stored."""
-    render = jax.jit(crowd.world.render)
+    render = jax.jit(crowd.world.observe_snapshot)
     state = situation(pedestrians=np.random.default_rng(0).uniform(-3, 3, (6, 4)), first_draw=0.0)
     for _ in range(4):
         state, _ = crowd.act(state, action(0.5, 0.3, code=1))
