@@ -27,7 +27,7 @@ BEHAVIOURS = {
     "well": "good", "late (5 s)": "slow", "wrongly (other side)": "other side", "with 500": "500",
     "not at all": "silent",
 }  # fmt: skip
-CONTEXTS = [Context(code, who) for code, who in itertools.product((RIGHT, LEFT, STOP), ("robot", "pedestrian"))]
+CONTEXTS = [Context(request, who) for request, who in itertools.product((RIGHT, LEFT, STOP), ("robot", "pedestrian"))]
 
 
 def run(speaker, contexts, period):

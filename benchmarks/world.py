@@ -101,7 +101,7 @@ def drive(world, params, states, count, sensing):
             seen = sum(jnp.sum(leaf.astype(jnp.float32)) for leaf in jax.tree.leaves(observation))
         bits = jax.random.bits(key_action, (episodes, 3))
         twist = bits[:, :2].astype(jnp.float32) / 2.0**31 - 1.0
-        action = Action(twist=twist, code=(bits[:, 2] & 3).astype(jnp.int32))
+        action = Action(twist=twist, request=(bits[:, 2] & 3).astype(jnp.int32))
         keys = jax.random.split(key_step, episodes)
         states, outcome = jax.vmap(world.step, in_axes=(0, 0, 0, None))(keys, states, action, params)
         return (states, outcome.terminated | outcome.truncated), seen + jnp.sum(outcome.reward)

@@ -30,11 +30,11 @@ GROUPS = (SUITES["parity"], ("narrow", "doorway", "corner"), ("crossflow",))
 
 
 class Method(NamedTuple):
-    """A row's robot. algo: its learner; codes, hears: of its training; voice, told: whether it speaks when it is
+    """A row's robot. algo: its learner; requests, hears: of its training; voice, told: whether it speaks when it is
     played, and whether it is told what is meant instead of hearing it said."""
 
     algo: str
-    codes: int = 4
+    requests: int = 4
     hears: bool = True
     voice: bool = True
     told: bool = False
@@ -47,16 +47,16 @@ class Method(NamedTuple):
     @property
     def training(self):
         """Name of its training, which robots may share that differ only when they are played."""
-        parts = [self.algo, f"{self.codes}-codes" if self.algo == "hsac" else "", "" if self.hears else "deaf"]
+        parts = [self.algo, f"{self.requests}-requests" if self.algo == "hsac" else "", "" if self.hears else "deaf"]
         return "-".join(part for part in parts if part)
 
 
 MAIN = "HSAC"
 METHODS = {
     MAIN: Method("hsac"),
-    "HSAC, 2 codes": Method("hsac", codes=2),
-    "HSAC that only hears": Method("hsac", codes=1),
-    "HSAC without language": Method("hsac", codes=1, hears=False),
+    "HSAC, 2 requests": Method("hsac", requests=2),
+    "HSAC that only hears": Method("hsac", requests=1),
+    "HSAC without language": Method("hsac", requests=1, hears=False),
     "HSAC muted": Method("hsac", voice=False),
     "HSAC told what is meant": Method("hsac", told=True),
     "TD3": Method("td3"),
@@ -87,7 +87,7 @@ def configuration(method, scenes, env_steps):
     world = dataclasses.replace(base.world.of_scenes(scenes), hearing=method.hears)
     agent = base.agent
     if method.algo == "hsac":
-        agent = dataclasses.replace(agent, codes=method.codes, language="phrases" if method.hears else "codes")
+        agent = dataclasses.replace(agent, requests=method.requests, language="phrases" if method.hears else "codes")
     hyper = base.hyper.replace(**tuned_hyperparameters(method.algo))
     train = dataclasses.replace(base.train, total_steps=env_steps // base.train.episodes)
     return resolve(dataclasses.replace(base, world=world, agent=agent, hyper=hyper, train=train))

@@ -154,15 +154,15 @@ def compare(name, options, console):
 
 
 def difference(module, policy, inputs, outputs):
-    """Largest differences of an exported `Policy` from what the JAX policy computed, and how many codes differ where
+    """Largest differences of an exported `Policy` from what the JAX policy computed, and how many requests differ where
     the likeliest two are not tied."""
     found = dict(zip(module.Decision._fields, map(np.asarray, policy.actor(*policy.tensors(inputs))), strict=True))
     best = np.sort(outputs["log_p"], axis=-1)
     tied = best[:, -1] - best[:, -2] < 1e-5 if best.shape[1] > 1 else np.zeros(len(best), bool)
-    differs = found["code"] != outputs["code"]
+    differs = found["request"] != outputs["request"]
     return {
         **{name: float(np.abs(found[name] - outputs[name])[~differs].max()) for name in ("v", "w")},
-        "codes": int((differs & ~tied).sum()), "ties": int((differs & tied).sum()),
+        "requests": int((differs & ~tied).sum()), "ties": int((differs & tied).sum()),
     }  # fmt: skip
 
 
@@ -299,19 +299,19 @@ def table(result):
         f"{result['seed']}.",
         "",
         f"**In single states**: {result['states']:,} of each configuration, drawn from episodes; random weights, three "
-        "people. Largest differences in m/s and rad/s; codes that differ though the likeliest two are no tie; the "
+        "people. Largest differences in m/s and rad/s; requests that differ though the likeliest two are no tie; the "
         "largest error of the 128 recorded outputs in each Python.",
         "",
     ]
     rows = {name: row for name, row in result["rows"].items() if not name.startswith("drive ")}
     wheres = [replay["where"] for replay in next(iter(rows.values()))["replays"]]
     lines += [
-        f"| configuration | v | w | codes | {' | '.join(wheres)} |",
+        f"| configuration | v | w | requests | {' | '.join(wheres)} |",
         f"|{'---|' * (4 + len(wheres))}",
     ]
     for name, row in rows.items():
         replays = " | ".join(f"{replay['error']:.1e}" for replay in row["replays"])
-        lines.append(f"| {name} | {row['v']:.1e} | {row['w']:.1e} | {row['codes']} | {replays} |")
+        lines.append(f"| {name} | {row['v']:.1e} | {row['w']:.1e} | {row['requests']} | {replays} |")
     driven = [suite for suite in SUITES if f"drive {suite}" in result["rows"]]
     lines += [
         "",

@@ -29,7 +29,7 @@ def drive(world, params, state, keys, twists):
         state, ended, arrived = carry
         key, twist = now
         before = state.robot
-        state, outcome = world.step(key, state, Action(twist=twist, code=jnp.int32(NONE)), params)
+        state, outcome = world.step(key, state, Action(twist=twist, request=jnp.int32(NONE)), params)
         v, w = twist_from_action(twist, params)
         half_x, half_y, _ = arc(before.x, before.y, before.heading, v, w, 0.5 * params.dt)
         to_walls = wall_clearance(jnp.stack([half_x, state.robot.x]), jnp.stack([half_y, state.robot.y]), walls)
@@ -66,7 +66,7 @@ def first_plans(key, world, params, state, keys, starts):
         def step(state, now):
             key, change = now
             twist = jnp.clip(orca_robot(None, state, world, params).twist + change, -_LIMIT, _LIMIT)
-            return world.step(key, state, Action(twist=twist, code=jnp.int32(NONE)), params)[0], twist
+            return world.step(key, state, Action(twist=twist, request=jnp.int32(NONE)), params)[0], twist
 
         return jax.lax.scan(step, state, (keys, changes))[1]
 

@@ -60,13 +60,13 @@ class Worlds:
         return jax.device_get(self._look(self.state, self._spoken))
 
     def play(self, drive):
-        """`Ends` of the episodes. drive: a function (step, who still drives `[n]`) -> v, w and code, `[n]` each."""
+        """`Ends` of the episodes. drive: a function (step, who still drives `[n]`) -> v, w and request, `[n]` each."""
         ended, steps = np.zeros(self.count, bool), np.zeros(self.count, int)
         ends = {name: np.zeros(self.count, bool) for name in ("arrived", "collided", "hit_pedestrian")}
         for step in range(self.limit):
-            v, w, code = drive(step, ~ended)
+            v, w, request = drive(step, ~ended)
             twist = np.stack([2 * v / float(self.params.max_v) - 1, w / float(self.params.max_w)], axis=-1)
-            action = Action(twist=jnp.asarray(twist, jnp.float32), code=jnp.asarray(code, jnp.int32))
+            action = Action(twist=jnp.asarray(twist, jnp.float32), request=jnp.asarray(request, jnp.int32))
             self.state, outcome = self._step(self._keys[step], self.state, action, self.params)
             outcome = jax.device_get(outcome)
             steps += ~ended
@@ -84,8 +84,8 @@ def by_policy(worlds, policy, inputs):
 
     def drive(step, drives):
         with torch.no_grad():
-            v, w, code, *_ = policy.actor(*policy.tensors(inputs(worlds.state)))
-        return v.numpy(), w.numpy(), code.numpy()
+            v, w, request, *_ = policy.actor(*policy.tensors(inputs(worlds.state)))
+        return v.numpy(), w.numpy(), request.numpy()
 
     return worlds.play(drive)
 
@@ -109,11 +109,11 @@ def by_navigators(worlds, make, scan_of, act=None):
         for i in np.flatnonzero(drives):
             robot = state.robot
             message = voices[i].next(jax.tree.map(lambda leaf, i=i: leaf[i], (state.encounters, seen.dialogue, words)))
-            v, w, code, _ = navigators[i].step(
+            v, w, request, _ = navigators[i].step(
                 scan_of(seen.scan[i]), seen.pedestrians[i][seen.seen[i]], (robot.x[i], robot.y[i], robot.heading[i]),
                 message, now=step * float(worlds.params.dt),
             )  # fmt: skip
-            commands[i] = v, w, code
+            commands[i] = v, w, request
         return commands.T
 
     ends = worlds.play(drive)

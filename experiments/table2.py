@@ -1,4 +1,4 @@
-"""Table II: two codes, none and stop, against four.
+"""Table II: two requests, none and stop, against four.
 
 python experiments/table2.py --help
 """
@@ -13,7 +13,7 @@ from jaxnav.training.config import ALGORITHMS
 
 @dataclasses.dataclass(frozen=True)
 class Options(tables.Options):
-    __doc__ = f"{tables.Options.__doc__}    algo: the learner whose codes are counted; only hsac has any.\n    "
+    __doc__ = f"{tables.Options.__doc__}    algo: the learner whose requests are counted; only hsac has any.\n    "
 
     algo: str = "hsac"
 
@@ -22,12 +22,12 @@ class Options(tables.Options):
         if self.algo not in ALGORITHMS:
             raise UserError(f"--algo {self.algo!r} is unknown: choose hsac")
         if self.algo != "hsac":
-            raise UserError(f"--algo is {self.algo}: it emits no codes, and Table II compares codes; choose hsac")
+            raise UserError(f"--algo is {self.algo}: it emits no requests, and Table II compares codes; choose hsac")
 
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table2", ("HSAC", "HSAC, 2 codes"), [("HSAC", "HSAC, 2 codes")], arguments, Options)
+    tables.main("table2", ("HSAC", "HSAC, 2 requests"), [("HSAC", "HSAC, 2 requests")], arguments, Options)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ TRICKS = {
     "the last actor, not the average": ({}, {"average": 1.0}),
     "learning rates that decay to 0": ({}, {"final_lr": 0.0}),
     "batches of twice the size": ({"batch": 1024}, {}),
-    "a twist for each code": ({"heads": "per-code"}, {}),
+    "a twist for each request": ({"heads": "per-request"}, {}),
     "means through tanh (the authors)": ({"mean_tanh": True}, {}),
     "told when and how near people come (lidar-approach)": ({"encoder": "lidar-approach"}, {}),
 }

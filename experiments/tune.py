@@ -79,7 +79,7 @@ def tune(algo, options, console):
     config = resolve(dataclasses.replace(base, world=base.world.of_scenes(SCENES), train=train))
     rng, start = np.random.default_rng(options.seed), time.monotonic()
     values = {
-        name: np.float32([base.hyper[name], *found]).round(6)
+        name: np.float32([getattr(base.hyper, name), *found]).round(6)
         for name, found in drawn(SPACES[algo], options.trials, rng).items()
     }
     hyper, agent = config.hyper.replace(**values), make_agent(config)
@@ -137,7 +137,7 @@ def study(options):
         base = preset("quick", algo)
         now = {
             "agent": to_json(base.agent), "episodes": base.train.episodes,
-            "defaults": {name: round(base.hyper[name], 5) for name in SPACES[algo]},
+            "defaults": {name: round(getattr(base.hyper, name), 5) for name in SPACES[algo]},
         }  # fmt: skip
         then = {
             "agent": found["agent"], "episodes": found["train"]["episodes"],

@@ -41,7 +41,7 @@ def print_result(console, result):
     table.add_column("")
     for name in result["scenes"]:
         table.add_column(name, justify="right")
-    codes = next(iter(result["scenes"].values()))["requests"]
+    requests = next(iter(result["scenes"].values()))["requests"]
     rows = {
         "success": lambda m: f"{m['success']:.3f}",
         "  95 % interval": lambda m: "{:.3f} - {:.3f}".format(*m["success_ci95"]),
@@ -54,7 +54,7 @@ def print_result(console, result):
         "straight line: success": lambda m: f"{m['straight_line_success']:.3f}",
         "muted: success": lambda m: f"{m['muted_success']:.3f}",
         "muted: minimum distance (m)": lambda m: _number(m["muted_min_distance"], 2),
-        **{f"asked: {code}": lambda m, code=code: f"{m['requests'][code]:.3f}" for code in codes},
+        **{f"asked: {request}": lambda m, request=request: f"{m['requests'][request]:.3f}" for request in requests},
         "pedestrian complied": lambda m: _number(m["complied"], 3),
     }
     for label, cell in rows.items():

@@ -7,7 +7,8 @@ import tempfile
 
 os.environ["JAX_PLATFORMS"] = "cpu"
 # What one test, worker or process compiled, the others load: every `Run` has functions of its own under ``jit``.
-if "PYTEST_XDIST_WORKER" not in os.environ:  # workers inherit the folder
+# Workers inherit the folder; who names one keeps it for the next run of the tests.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     _cache = tempfile.TemporaryDirectory()
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _cache.name
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from jaxnav import cli
-from jaxnav.training.config import HSACHyperparameters, RunConfig, TrainConfig
+from jaxnav.training.config import HSACHyperparameters, HSACRunConfig, TrainConfig
 from jaxnav.training.run import Run
 from jaxnav.world import Params, WorldConfig
 
@@ -79,7 +79,7 @@ def fails(capsys, *arguments):
         (["train", "--scene", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
         (["train", "--world.scenes", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
         (["train", "--algo", "dqn"], ["algo", "'dqn'", "hsac, td3, ppo, a2c"]),
-        (["train", "--algo", "td3", "--agent.codes", 2], ["--agent.codes: td3 has no", "give --algo hsac"]),
+        (["train", "--algo", "td3", "--agent.requests", 2], ["--agent.requests: td3 has no", "give --algo hsac"]),
         (["train", "--algo", "td3", "--agent.no-mean-tanh"], ["--agent.no-mean-tanh: td3 has no", "give --algo hsac"]),
         (["train", "--agent.horizon=5"], ["--agent.horizon: hsac has no", "give --algo ppo or a2c"]),
         (["train", "--algo=ppo", "--hyper.target_noise", 1], ["--hyper.target_noise: ppo has no", "give --algo td3"]),
@@ -87,8 +87,8 @@ def fails(capsys, *arguments):
         (["train", "--algo", "ppo", "--agent.horizon", 30], ["agent.horizon", "30", "train.steps_per_chunk", "25"]),
         (["train", "--algo", "ppo", "--agent.minibatches", 7], ["agent.minibatches", "7", "divisor", "1600"]),
         (["train", "--algo", "ppo", "--hyper.gae-lambda", 2], ["hyper.gae_lambda", "2", "0 to 1"]),
-        (["train", "--agent.codes", 3], ["agent.codes", "3", "1, 2, 4"]),
-        (["train", "--agent.heads", "two"], ["agent.heads", "'two'", "shared, per-code"]),
+        (["train", "--agent.requests", 3], ["agent.requests", "3", "1, 2, 4"]),
+        (["train", "--agent.heads", "two"], ["agent.heads", "'two'", "shared, per-request"]),
         (["train", "--agent.encoder", "grid"], ["world.observation", "pedestrian_map, sensor_map", "grid encoder"]),
         (["train", "--world.randomise", "sped", 0, 1], ["world.randomise", "'sped'", "fields of world.params"]),
         (["train", "--world.randomise", "compliance", 1, 0], ["world.randomise", "compliance", "lower end first"]),
@@ -153,7 +153,7 @@ def options_of(cls):
             {"preset", "algo", "scene", "seed", "out", "resume"}
             | {f"world.{name}" for name in options_of(WorldConfig)}
             | {f"world.params.{name}" for name in options_of(Params)}
-            | {f"agent.{name}" for name in options_of(RunConfig().agent)}
+            | {f"agent.{name}" for name in options_of(HSACRunConfig().agent)}
             | {f"hyper.{name}" for name in options_of(HSACHyperparameters)}
             | {f"train.{name}" for name in options_of(TrainConfig)},
         ),

@@ -35,18 +35,18 @@ class PolicyInterpreter:
 
 
 class Driver(HSAC):
-    """Full speed ahead, and always the request ``code``; steers by what it hears."""
+    """Full speed ahead, and always the request ``request``; steers by what it hears."""
 
-    code = NONE
+    request = NONE
 
     def answer(self, actor, observation, heard):
         turn = 0.5 * (heard[0, 2] - heard[0, 1])
-        code = jnp.where(observation.may_request, self.code, NONE)
-        return Action(twist=jnp.stack([jnp.float32(1.0), turn]), code=code)
+        request = jnp.where(observation.may_request, self.request, NONE)
+        return Action(twist=jnp.stack([jnp.float32(1.0), turn]), request=request)
 
 
 class Asker(Driver):
-    code = RIGHT
+    request = RIGHT
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ sweep = Sweep(
         "hyper.critic_lr": Range(2e-4, 4e-3, log=True),
         "hyper.tau": Range(0.003, 0.05, log=True),
         "hyper.target_entropy_twist": Range(-4.0, -0.5),
-        "hyper.target_entropy_code": Range(0.05, 0.7),
+        "hyper.target_entropy_request": Range(0.05, 0.7),
         "world.params.reward_request": Range(1.0, 100.0, log=True),
         "world.params.reward_response": Range(0.5, 40.0, log=True),
     },

@@ -25,7 +25,7 @@ class BraxWorld(base.Env):
     By default the world is ``World()``, and params are those of its scenes.
 
     An observation is the vector of `jaxnav.adapters.observation.flat`. An action is a vector `[2 + 4]` in [-1, 1]: the
-    twist, and a preference for each code, the greatest of which is said. ``done`` is arrival or collision only: running
+    twist, and a preference for each request, the greatest of which is said. ``done`` is arrival or collision only: running
     out of time is ``info["truncation"]`` of brax's EpisodeWrapper. Each of the metrics is 1 in the step it happens in.
     ValueError: params out of range.
     """
@@ -44,9 +44,11 @@ class BraxWorld(base.Env):
 
     def step(self, state, action):
         rng, key = jax.random.split(state.info["rng"])
-        taken = Action(twist=action[:2], code=jnp.argmax(action[2:]))
+        taken = Action(twist=action[:2], request=jnp.argmax(action[2:]))
         now, outcome = self.world.step(key, state.pipeline_state, taken, self.params)
-        metrics = {name: outcome[name].astype(jnp.float32) for name in ("arrived", "collided", "hit_pedestrian")}
+        metrics = {
+            name: getattr(outcome, name).astype(jnp.float32) for name in ("arrived", "collided", "hit_pedestrian")
+        }
         return state.replace(
             pipeline_state=now, obs=self._observe(now), reward=outcome.reward,
             done=outcome.terminated.astype(jnp.float32), metrics={**state.metrics, **metrics},

@@ -24,7 +24,7 @@ class VectorWorld(VectorEnv):
 
     By default the world is ``World()``, and params are those of its scenes.
 
-    Observations are dicts of `jaxnav.adapters.observation.parts`, actions dicts of twist `[N, 2]` in [-1, 1] and code
+    Observations are dicts of `jaxnav.adapters.observation.parts`, actions dicts of twist `[N, 2]` in [-1, 1] and request
     `[N]`, an index into ``REQUESTS``. An ended episode is replaced in the same step; its true last observation is then
     in ``infos["final_obs"]`` and its events (arrived, collided, hit_pedestrian) in ``infos["final_info"]``. Steps in
     which nothing ends have no infos. ValueError: params out of range, or no environment.
@@ -46,7 +46,7 @@ class VectorWorld(VectorEnv):
         }
         twist = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.single_observation_space = spaces.Dict(boxes)
-        self.single_action_space = spaces.Dict({"twist": twist, "code": spaces.Discrete(len(REQUESTS))})
+        self.single_action_space = spaces.Dict({"twist": twist, "request": spaces.Discrete(len(REQUESTS))})
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
@@ -83,7 +83,7 @@ class VectorWorld(VectorEnv):
     def step(self, actions):
         if self._states is None:
             raise error.ResetNeeded("call reset before step")
-        action = Action(twist=actions["twist"], code=actions["code"])
+        action = Action(twist=actions["twist"], request=actions["request"])
         self._states, observations, outcome = self._advance(self._seed(), self._states, action)
         outcome, infos = _numpy(outcome), {}
         ended = outcome.terminated | outcome.truncated
@@ -91,7 +91,9 @@ class VectorWorld(VectorEnv):
             last = _numpy(observations)
             self._states, observations = self._replace(self._seed(), ended, (self._states, observations))
             for i in np.flatnonzero(ended):
-                final_info = {name: bool(outcome[name][i]) for name in ("arrived", "collided", "hit_pedestrian")}
+                final_info = {
+                    name: bool(getattr(outcome, name)[i]) for name in ("arrived", "collided", "hit_pedestrian")
+                }
                 final_obs = {name: part[i] for name, part in last.items()}
                 infos = self._add_info(infos, {"final_obs": final_obs, "final_info": final_info}, i)
         return _numpy(observations), outcome.reward, outcome.terminated, outcome.truncated, infos

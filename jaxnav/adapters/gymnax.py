@@ -22,7 +22,7 @@ class GymnaxWorld(environment.Environment):
     """``reset(key, params)`` -> obs, state; ``step(key, state, action, params)`` -> obs, state, reward, terminated,
     truncated, info; params are `Params`, and the state is a `State`.
 
-    An observation is the vector of `jaxnav.adapters.observation.flat`, an action a pair (twist `[2]` in [-1, 1], code).
+    An observation is the vector of `jaxnav.adapters.observation.flat`, an action a pair (twist `[2]` in [-1, 1], request).
     gymnax's ``step`` resets an ended episode; ``info["final_observation"]`` is the last one before that. As gymnax has
     it, an episode that ends by itself in its last step is both terminated and truncated. ``info`` has the events of the
     step. ``with_transition_gradients()`` gives a copy whose observations and states keep their gradients.
@@ -43,11 +43,11 @@ class GymnaxWorld(environment.Environment):
         return self.observe(key, state, None, params), state
 
     def step_env(self, key, state, action: tuple[jax.Array, jax.Array], params):
-        twist, code = action
-        state, outcome = self.world.step(key, state, Action(twist=twist, code=code), params)
+        twist, request = action
+        state, outcome = self.world.step(key, state, Action(twist=twist, request=request), params)
         observation = self.observe(key, state, action, params)
         observation, state = self._apply_transition_gradient_policy(observation, state)
-        info = {name: outcome[name] for name in ("arrived", "collided", "hit_pedestrian")}
+        info = {name: getattr(outcome, name) for name in ("arrived", "collided", "hit_pedestrian")}
         return observation, state, outcome.reward, outcome.terminated, info
 
     def observe(self, key, state, action, params):

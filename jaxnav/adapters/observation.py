@@ -24,7 +24,7 @@ def parts(observation, params):
     message (of 4), the request (of 4) and the reply (of 3). The wording of what was said is left out: reading it takes
     a table of phrases.
     """
-    seen = {name: part for name, part in observation.items() if part is not None}
+    seen = {name: part for name, part in vars(observation).items() if part is not None}
     seen["may_request"] = observation.may_request[None]
     if "scan" in seen:
         seen["scan"] = observation.scan / params.scan_range

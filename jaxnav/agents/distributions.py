@@ -1,4 +1,4 @@
-"""The two halves of a hybrid action: a tanh-Gaussian twist and a masked categorical code; and values as histograms."""
+"""The two halves of a hybrid action: a tanh-Gaussian twist and a masked categorical request; and values as histograms."""
 
 import jax
 import jax.numpy as jnp
@@ -28,13 +28,13 @@ def _log_density(noise, raw, log_std):
     return jnp.sum(-0.5 * noise * noise - log_std - _HALF_LOG_2PI - squash, axis=-1)
 
 
-def code_log_probabilities(logits, counts):
-    """Log-probabilities `[..., codes]`; where a code does not count (``counts`` `[...]` False) all mass is on none.
+def request_log_probabilities(logits, counts):
+    """Log-probabilities `[..., requests]`; where a request does not count (``counts`` `[...]` False) all mass is on none.
 
-    Masked codes get a large negative number, not -inf, so that p log p stays 0 and gradients stay finite.
+    Masked requests get a large negative number, not -inf, so that p log p stays 0 and gradients stay finite.
     """
-    codes = jnp.arange(logits.shape[-1])
-    return jax.nn.log_softmax(jnp.where(counts[..., None] | (codes == 0), logits, -1e9), axis=-1)
+    requests = jnp.arange(logits.shape[-1])
+    return jax.nn.log_softmax(jnp.where(counts[..., None] | (requests == 0), logits, -1e9), axis=-1)
 
 
 def entropy(log_probabilities):

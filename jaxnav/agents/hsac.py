@@ -1,4 +1,4 @@
-"""Hybrid soft actor-critic: a twist and a code from one policy (Delalleau et al. 2019, "Discrete and continuous action
+"""Hybrid soft actor-critic: a twist and a request from one policy (Delalleau et al. 2019, "Discrete and continuous action
 representation for practical RL in video games"; docs/world.md section 5).
 
 Everything is a pure function of explicit state. Floats that one may want to vary between the members of a population
@@ -9,21 +9,21 @@ import dataclasses
 from typing import Any
 
 import chex
-from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
+from flax import struct
 
 from ..language.vocabulary import vocabulary
 from ..world import Action
 from ..world.types import MESSAGES
-from .distributions import BINS, code_log_probabilities, entropy, histogram, sample_twist
+from .distributions import BINS, entropy, histogram, request_log_probabilities, sample_twist
 from .layers import NORMS
 from .learner import ADAM, Batch, ReplayConfig, descend
 from .networks import Actor, TwinCritic, message_codes, spoken_words
 
 LANGUAGES = ("phrases", "codes")
-HEADS = ("shared", "per-code")
+HEADS = ("shared", "per-request")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +32,8 @@ class HSACConfig(ReplayConfig):
 
     Attributes:
         language: what the actor hears: phrases, the embedding of a sentence; codes, the message itself as a one-hot.
-        codes: what the robot may ask: 4; 2, none and stop; 1, nothing at all.
-        heads: of the twist: shared, one for all codes; per-code, one for each.
+        requests: what the robot may ask: 4; 2, none and stop; 1, nothing at all.
+        heads: of the twist: shared, one for all requests; per-request, one for each.
         mean_tanh: squash the mean of the twist once more, as the paper's authors do: it can't quite stop.
         twins: the critics' judgement is their min or their mean.
         critic: what a critic predicts: scalar, or a histogram of which the value is the mean: 51 bins from -12 to 20,
@@ -42,7 +42,7 @@ class HSACConfig(ReplayConfig):
     """
 
     language: str = "phrases"
-    codes: int = 4
+    requests: int = 4
     heads: str = "shared"
     mean_tanh: bool = False
     twins: str = "min"
@@ -52,7 +52,7 @@ class HSACConfig(ReplayConfig):
     def __post_init__(self):
         super().__post_init__()
         choices = {
-            "language": LANGUAGES, "codes": (1, 2, 4), "heads": HEADS, "twins": ("min", "mean"),
+            "language": LANGUAGES, "requests": (1, 2, 4), "heads": HEADS, "twins": ("min", "mean"),
             "critic": ("scalar", "histogram"), "critic_norm": tuple(NORMS),
         }  # fmt: skip
         for name, allowed in choices.items():
@@ -74,8 +74,8 @@ class HSACHyperparameters:
         tau: share of the critics that enters the target critics at each update.
         average: share of the actor that enters, at each of its updates, the averaged one that is evaluated.
         target_entropy_twist: nats, of the twist in [-1, 1]^2.
-        target_entropy_code: fraction of log(number of codes), where codes count.
-        initial_temperature: of twist and code.
+        target_entropy_request: fraction of log(number of requests), where requests count.
+        initial_temperature: of twist and request.
         backup_entropy: share of the entropy bonus that enters the critics' targets.
         reward_scale: factor on rewards.
         word_noise: norm of the noise on the unit vectors of what is said, in training.
@@ -91,7 +91,7 @@ class HSACHyperparameters:
     tau: float = 0.01
     average: float = 0.01
     target_entropy_twist: float = -2.0
-    target_entropy_code: float = 0.36
+    target_entropy_request: float = 0.36
     initial_temperature: float = 0.05
     backup_entropy: float = 1.0
     reward_scale: float = 0.01
@@ -118,7 +118,7 @@ _LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
 _PHRASES = 128  # of the auxiliary loss, an update
 _SMOOTHING = 0.05  # of its labels: what a sentence means is never quite certain
 _ACTOR_METRICS = (
-    "actor_loss", "twist_entropy", "code_entropy", "twist_temperature", "code_temperature", "message_loss",
+    "actor_loss", "twist_entropy", "request_entropy", "twist_temperature", "request_temperature", "message_loss",
 )  # fmt: skip
 
 
@@ -129,21 +129,25 @@ class HSAC:
 
     def __init__(self, config: HSACConfig = HSACConfig()):
         self.config = config
-        per_code = config.heads == "per-code"
-        self.actor = Actor(
-            config.encoder, config.actor_widths, config.language, config.codes, per_code, config.mean_tanh
+        per_request = config.heads == "per-request"
+        self.actor_network = Actor(
+            config.encoder, config.actor_widths, config.language, config.requests, per_request, config.mean_tanh
         )
         bins = len(BINS) if config.critic == "histogram" else 1
-        self.critic = TwinCritic(config.encoder, config.critic_widths, config.codes * bins, config.critic_norm)
-        # What is spoken in training. Codes need no words.
+        self.critic_network = TwinCritic(
+            config.encoder, config.critic_widths, config.requests * bins, config.critic_norm
+        )
+        # What is spoken in training. Requests need no words.
         self.training_vocabulary: Any = vocabulary("train") if config.language == "phrases" else None
 
     def init(self, key, observation, hyper: HSACHyperparameters) -> HSACState:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         key_actor, key_critic = jax.random.split(key)
-        actor = self.actor.init(key_actor, observation, self._words(observation, self.training_vocabulary), method=_whole_actor)
-        critic = self.critic.init(key_critic, observation, message_codes(observation.dialogue), jnp.zeros(2))
-        log_temperatures = {name: jnp.log(jnp.float32(hyper.initial_temperature)) for name in ("twist", "code")}
+        actor = self.actor_network.init(
+            key_actor, observation, self._words(observation, self.training_vocabulary), method=_whole_actor
+        )
+        critic = self.critic_network.init(key_critic, observation, message_codes(observation.dialogue), jnp.zeros(2))
+        log_temperatures = {name: jnp.log(jnp.float32(hyper.initial_temperature)) for name in ("twist", "request")}
         return HSACState(
             actor=actor,
             averaged=jax.tree.map(jnp.copy, actor),
@@ -160,19 +164,21 @@ class HSAC:
         return learner.averaged
 
     def act(self, key, learner: HSACState, observation, hyper: HSACHyperparameters) -> Action:
-        """Sample an action for each observation `[..., ...]`; a code that would not count is none."""
-        key_twist, key_code = jax.random.split(key)
+        """Sample an action for each observation `[..., ...]`; a request that would not count is none."""
+        key_twist, key_request = jax.random.split(key)
         mean, log_std, logits = self._policy(learner.actor, observation, self._noisy_vocabulary(hyper))
         twist, _ = sample_twist(key_twist, mean, log_std)
-        code = jax.random.categorical(key_code, code_log_probabilities(logits, observation.may_request))
-        return Action(twist=self._of_code(twist, code), code=code.astype(jnp.int32))
+        request = jax.random.categorical(key_request, request_log_probabilities(logits, observation.may_request))
+        return Action(twist=self._of_request(twist, request), request=request.astype(jnp.int32))
 
     def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
-        """Mean twist and most probable code; without ``voice`` the code is none.
+        """Mean twist and most probable request; without ``voice`` the request is none.
 
-        spoken: the `Vocabulary` from which what is said is drawn; by default that of training, without noise.
+        vocabulary: the `Vocabulary` from which what is said is drawn; by default that of training, without noise.
         """
-        mean, _, logits = self._policy(actor, observation, self.training_vocabulary if spoken is None else spoken)
+        mean, _, logits = self._policy(
+            actor, observation, self.training_vocabulary if vocabulary is None else vocabulary
+        )
         return self._best(mean, logits, observation, voice)
 
     def vocabulary(self, split):
@@ -186,18 +192,18 @@ class HSAC:
 
     def understand(self, actor, words) -> Any:
         """Log-probabilities of message `[..., 4]` and reply `[..., 3]` of words `[..., D]`."""
-        return self.actor.apply(actor, words, method="understand")
+        return self.actor_network.apply(actor, words, method="understand")
 
     def _best(self, mean, logits, observation, voice):
-        log_p = code_log_probabilities(logits, observation.may_request & voice)
-        code = jnp.argmax(log_p, axis=-1).astype(jnp.int32)
-        return Action(twist=self._of_code(jnp.tanh(mean), code), code=code)
+        log_p = request_log_probabilities(logits, observation.may_request & voice)
+        request = jnp.argmax(log_p, axis=-1).astype(jnp.int32)
+        return Action(twist=self._of_request(jnp.tanh(mean), request), request=request)
 
-    def _of_code(self, twist, code):
-        """The twist `[..., 2]` that goes with a code."""
+    def _of_request(self, twist, request):
+        """The twist `[..., 2]` that goes with a request."""
         if self.config.heads == "shared":
             return twist
-        return jnp.take_along_axis(twist, code[..., None, None], axis=-2)[..., 0, :]
+        return jnp.take_along_axis(twist, request[..., None, None], axis=-2)[..., 0, :]
 
     def update(self, key, state: HSACState, batch: Batch, hyper: HSACHyperparameters, lr_scale=1.0, step=0):
         """One step on critics, actor and temperatures. Returns (state, metrics).
@@ -240,11 +246,11 @@ class HSAC:
 
         # d/d log alpha of alpha (H - target): too little entropy raises the temperature.
         targets = {
-            "twist": hyper.target_entropy_twist, "code": hyper.target_entropy_code * jnp.log(self.config.codes),
+            "twist": hyper.target_entropy_twist, "request": hyper.target_entropy_request * jnp.log(self.config.requests),
         }  # fmt: skip
         spoke = entropies["counted"] > 0
         gradient = {name: temperatures[name] * (entropies[name] - targets[name]) for name in targets}
-        gradient["code"] = jnp.where(spoke, gradient["code"], 0.0)
+        gradient["request"] = jnp.where(spoke, gradient["request"], 0.0)
         change, temperature_optimiser = ADAM.update(gradient, state.temperature_optimiser)
         log_temperatures = jax.tree.map(
             lambda leaf: jnp.clip(leaf, *_LOG_TEMPERATURE_RANGE),
@@ -258,7 +264,7 @@ class HSAC:
             temperature_optimiser=temperature_optimiser,
         )
         values = (
-            actor_loss, entropies["twist"], entropies["code"], temperatures["twist"], temperatures["code"],
+            actor_loss, entropies["twist"], entropies["request"], temperatures["twist"], temperatures["request"],
             entropies["message_loss"],
         )  # fmt: skip
         return state, dict(zip(_ACTOR_METRICS, values, strict=True))
@@ -275,25 +281,25 @@ class HSAC:
 
     def _policy(self, actor, observation, spoken) -> Any:
         """Mean, log_std and logits."""
-        return self.actor.apply(actor, observation, self._words(observation, spoken))
+        return self.actor_network.apply(actor, observation, self._words(observation, spoken))
 
     def _heard_policy(self, actor, observation, heard) -> Any:
         """The same, of one who understands S_c ``heard``."""
-        return self.actor.apply(actor, observation, heard, method="act")
+        return self.actor_network.apply(actor, observation, heard, method="act")
 
     def _q(self, critic, observation, twist) -> Any:
-        """What the critics say of every code `[2, ..., codes]`, each with ``twist`` `[..., 2]` or with its own
-        `[..., codes, 2]`; of histograms `[2, ..., codes, bins]`. Critics serve training only: they are told what was
+        """What the critics say of every request `[2, ..., requests]`, each with ``twist`` `[..., 2]` or with its own
+        `[..., requests, 2]`; of histograms `[2, ..., requests, bins]`. Critics serve training only: they are told what was
         meant."""
-        q = self.critic.apply(critic, observation, message_codes(observation.dialogue), twist)
+        q = self.critic_network.apply(critic, observation, message_codes(observation.dialogue), twist)
         own = twist.ndim > observation.twist.ndim
-        q = q.reshape(*q.shape[:-1], self.config.codes, -1)
+        q = q.reshape(*q.shape[:-1], self.config.requests, -1)
         if own:
             q = jnp.moveaxis(jnp.diagonal(q, axis1=-3, axis2=-2), -1, -2)
         return q if self.config.critic == "histogram" else q[..., 0]
 
     def _judge(self, q):
-        """Q `[..., codes]` of what both critics say."""
+        """Q `[..., requests]` of what both critics say."""
         if self.config.critic == "histogram":
             q = jax.nn.softmax(q, axis=-1) @ BINS
         return q.min(axis=0) if self.config.twins == "min" else q.mean(axis=0)
@@ -302,12 +308,12 @@ class HSAC:
         return soft_value(self._judge(q), log_density, log_p, counts, temperatures)
 
     def _sample(self, key, policy, counts):
-        """(twist, its log density `[..., 1 or codes]`, log p of the codes `[..., codes]`) of a policy's outputs."""
+        """(twist, its log density `[..., 1 or requests]`, log p of the requests `[..., requests]`) of a policy's outputs."""
         mean, log_std, logits = policy
         twist, log_density = sample_twist(key, mean, log_std)
         if self.config.heads == "shared":
             log_density = log_density[..., None]
-        return twist, log_density, code_log_probabilities(logits, counts)
+        return twist, log_density, request_log_probabilities(logits, counts)
 
     def _critic_loss(self, critic, key, state, batch, temperatures, hyper):
         """Soft Bellman error; the policy of the next state is that of a robot told what was meant.
@@ -319,7 +325,7 @@ class HSAC:
         twist, log_density, log_p = self._sample(key, policy, after.may_request)
         if self.config.critic_norm == "batch":
             # Both ends in one batch: its statistics are those of both.
-            if self.config.heads == "per-code":
+            if self.config.heads == "per-request":
                 now = jnp.broadcast_to(batch.twist[..., None, :], twist.shape)
             else:
                 now = batch.twist
@@ -332,18 +338,18 @@ class HSAC:
         value = self._value(next_q, log_density, log_p, after.may_request, bonus)
         target = hyper.reward_scale * batch.reward + (1.0 - batch.terminated) * hyper.discount**batch.steps * value
         target = jax.lax.stop_gradient(target)
-        code = batch.code[None, :, None]
+        request = batch.request[None, :, None]
         if self.config.critic == "histogram":
-            log_q = jax.nn.log_softmax(jnp.take_along_axis(q, code[..., None], axis=2)[:, :, 0], axis=-1)
+            log_q = jax.nn.log_softmax(jnp.take_along_axis(q, request[..., None], axis=2)[:, :, 0], axis=-1)
             loss = -jnp.sum(histogram(target) * log_q, axis=-1)
             chosen = jnp.exp(log_q) @ BINS
         else:
-            chosen = jnp.take_along_axis(q, code, axis=-1)[..., 0]
+            chosen = jnp.take_along_axis(q, request, axis=-1)[..., 0]
             loss = optax.huber_loss(chosen, target[None], delta=self.config.huber_delta)
         return jnp.sum(jnp.mean(loss, axis=1)), jnp.mean(chosen)
 
     def _actor_loss(self, actor, key, critic, batch, temperatures, hyper):
-        """-V(s) with every sample reparameterised and the code's probabilities not detached, and what phrases mean."""
+        """-V(s) with every sample reparameterised and the request's probabilities not detached, and what phrases mean."""
         key, key_phrases = jax.random.split(key)
         policy = self._policy(actor, batch.observation, self._noisy_vocabulary(hyper))
         counts = batch.observation.may_request
@@ -351,10 +357,10 @@ class HSAC:
         q = self._q(critic, batch.observation, twist)
         loss = -jnp.mean(self._value(q, log_density, log_p, counts, temperatures))
         counted = jnp.sum(counts)
-        code_entropy = jnp.sum(jnp.where(counts, entropy(log_p), 0.0)) / jnp.maximum(counted, 1)
+        request_entropy = jnp.sum(jnp.where(counts, entropy(log_p), 0.0)) / jnp.maximum(counted, 1)
         message_loss = self._message_loss(actor, key_phrases, hyper)
         entropies = {
-            "twist": -jnp.mean(jnp.sum(jnp.exp(log_p) * log_density, axis=-1)), "code": code_entropy,
+            "twist": -jnp.mean(jnp.sum(jnp.exp(log_p) * log_density, axis=-1)), "request": request_entropy,
             "counted": counted, "message_loss": message_loss,
         }  # fmt: skip
         return loss + hyper.message_weight * message_loss, jax.lax.stop_gradient(entropies)
@@ -377,15 +383,15 @@ class HSAC:
 
 
 def soft_value(q, log_density, log_p, counts, temperatures):
-    """V(s) `[...]` = sum_k p_k (Q_k - alpha_twist log pi_k(twist_k)) + alpha_code (H(p) - log n).
+    """V(s) `[...]` = sum_k p_k (Q_k - alpha_twist log pi_k(twist_k)) + alpha_request (H(p) - log n).
 
-    q, log_p: `[..., codes]`; log_density: `[..., codes]`, or `[..., 1]` of one twist for all; counts: where a code
-    counts, n is the number of codes there and 1 elsewhere. Subtracting log n keeps the discrete bonus from paying for
+    q, log_p: `[..., requests]`; log_density: `[..., requests]`, or `[..., 1]` of one twist for all; counts: where a request
+    counts, n is the number of requests there and 1 elsewhere. Subtracting log n keeps the discrete bonus from paying for
     staying alive.
     """
     bonus = jnp.where(counts, entropy(log_p) - jnp.log(log_p.shape[-1]), 0.0)
     expected = jnp.sum(jnp.exp(log_p) * (q - temperatures["twist"] * log_density), axis=-1)
-    return expected + temperatures["code"] * bonus
+    return expected + temperatures["request"] * bonus
 
 
 def _whole_actor(actor, observation, words):

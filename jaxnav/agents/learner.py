@@ -17,10 +17,10 @@ Hybrid SAC alone has `answer`, told what was meant, and `understand`, which `jax
 import dataclasses
 
 import chex
-from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
+from flax import struct
 
 from ..world import Action, Snapshot
 from ..world.types import NONE
@@ -88,13 +88,13 @@ class ReplayConfig(LearnerConfig):
 
 @struct.dataclass
 class Transition:
-    """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; code;
+    """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; request;
     reward; terminated: True ends the return, a time-out does not; ended: either of the two."""
 
     snapshot: Snapshot
     next_snapshot: Snapshot
     twist: jax.Array
-    code: jax.Array
+    request: jax.Array
     reward: jax.Array
     terminated: jax.Array
     ended: jax.Array
@@ -104,7 +104,7 @@ class Transition:
 class Batch:
     """What an update learns from, `[batch, ...]`: transitions with their snapshots rendered.
 
-    Learners that use replay read: observation; next_observation, ``steps`` later; twist `[2]`, of its first step; code;
+    Learners that use replay read: observation; next_observation, ``steps`` later; twist `[2]`, of its first step; request;
     reward, the discounted sum over these steps; terminated. Those that do not have `[horizon, episodes, ...]` instead,
     steps of 1, and also read ended.
     """
@@ -112,7 +112,7 @@ class Batch:
     observation: chex.ArrayTree
     next_observation: chex.ArrayTree
     twist: jax.Array
-    code: jax.Array
+    request: jax.Array
     reward: jax.Array
     terminated: jax.Array
     ended: jax.Array
@@ -130,4 +130,4 @@ def descend(params, change, lr):
 
 def silent(twist):
     """The action of a learner that steers with twist `[..., 2]` and can't speak."""
-    return Action(twist=twist, code=jnp.full(twist.shape[:-1], NONE, jnp.int32))
+    return Action(twist=twist, request=jnp.full(twist.shape[:-1], NONE, jnp.int32))

@@ -47,10 +47,10 @@ class LangPreNet(nn.Module):
 
 class Actor(nn.Module):
     """(Observation, words `[..., K, D]` or S_c `[..., K, 3]`) -> mean and log_std of the twist before tanh, and logits
-    `[..., codes]` of the code.
+    `[..., requests]` of the request.
 
     With the language ``phrases`` words are read by `LangPreNet`, and its probabilities of stop, right and left are S_c.
-    Mean and log_std are `[..., 2]`, one twist for all codes; with ``per_code`` heads `[..., codes, 2]`, one for each.
+    Mean and log_std are `[..., 2]`, one twist for all requests; with ``per_request`` heads `[..., requests, 2]`, one for each.
     ``mean_tanh`` passes the mean through tanh, as the paper's authors do: sampled twists are then squashed twice.
     Parts that an algorithm doesn't call have no parameters.
     """
@@ -58,16 +58,16 @@ class Actor(nn.Module):
     encoder: str
     widths: Sequence[int]
     language: str = "codes"
-    codes: int = len(REQUESTS)
-    per_code: bool = False
+    requests: int = len(REQUESTS)
+    per_request: bool = False
     mean_tanh: bool = False
 
     def setup(self):
         self.state_encoder = ENCODERS[self.encoder]()
         self.body = MLP(self.widths)
-        twists = self.codes if self.per_code else 1
+        twists = self.requests if self.per_request else 1
         self.mean_head, self.log_std_head = nn.Dense(2 * twists), nn.Dense(2 * twists)
-        self.code_head = nn.Dense(self.codes)
+        self.request_head = nn.Dense(self.requests)
         if self.language == "phrases":
             self.language_pre_net = LangPreNet()
 
@@ -77,14 +77,14 @@ class Actor(nn.Module):
     def act(self, observation, heard):
         """The same, of an S_c."""
         x = self.body(self.state_encoder(observation, heard))
-        return *self._gaussian(x), self.code_head(x)
+        return *self._gaussian(x), self.request_head(x)
 
     def steer(self, observation, heard):
         """Mean `[..., 2]` alone."""
         return self._twists(self.mean_head(self.body(self.state_encoder(observation, heard))))
 
     def gaussian(self, observation, heard):
-        """Mean and log_std `[..., 2]`, without a code."""
+        """Mean and log_std `[..., 2]`, without a request."""
         return self._gaussian(self.body(self.state_encoder(observation, heard)))
 
     def _gaussian(self, x):
@@ -94,7 +94,7 @@ class Actor(nn.Module):
         return jnp.tanh(mean) if self.mean_tanh else mean, log_std
 
     def _twists(self, x):
-        return x.reshape(*x.shape[:-1], self.codes, 2) if self.per_code else x
+        return x.reshape(*x.shape[:-1], self.requests, 2) if self.per_request else x
 
     def listen(self, words):
         """S_c `[..., 3]` of words; silence, the zero vector, is zero."""
@@ -112,9 +112,9 @@ class Actor(nn.Module):
 
 
 class TwinCritic(nn.Module):
-    """(Observation, S_c `[..., K, 3]`, twist `[..., 2]`) -> Q of every code `[2, ..., outputs]`, estimated twice.
+    """(Observation, S_c `[..., K, 3]`, twist `[..., 2]`) -> Q of every request `[2, ..., outputs]`, estimated twice.
 
-    A twist for each code, `[..., codes, 2]`, gives `[2, ..., codes, outputs]`: the observation is encoded once.
+    A twist for each request, `[..., requests, 2]`, gives `[2, ..., requests, outputs]`: the observation is encoded once.
     """
 
     encoder: str

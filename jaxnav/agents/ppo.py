@@ -7,10 +7,10 @@ import dataclasses
 from typing import Any, ClassVar
 
 import chex
-from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
+from flax import struct
 
 from ..world import Action
 from .learner import ADAM, Batch, LearnerConfig, descend, silent
@@ -107,20 +107,20 @@ class PPO:
     def __init__(self, config: RolloutConfig = PPOConfig()):
         self.config = config
         self.horizon = config.horizon
-        self.actor = Actor(config.encoder, config.actor_widths)
-        self.value = Value(config.encoder, config.critic_widths)
+        self.actor_network = Actor(config.encoder, config.actor_widths)
+        self.value_network = Value(config.encoder, config.critic_widths)
 
     def init(self, key, observation, hyper: PPOHyperparameters) -> PPOState:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         key_actor, key_value = jax.random.split(key)
         heard = message_codes(observation.dialogue)
-        actor: Any = self.actor.init(key_actor, observation, heard, method="gaussian")
+        actor: Any = self.actor_network.init(key_actor, observation, heard, method="gaussian")
         # The networks' own start is a twist of 0.08 standard deviations: right for an entropy that is tuned, not here.
         low, high = LOG_STD_RANGE
         share = 2.0 * (jnp.log(jnp.float32(hyper.initial_std)) - low) / (high - low) - 1.0
         head = actor["params"]["log_std_head"]
         head["bias"] = jnp.full_like(head["bias"], jnp.arctanh(jnp.clip(share, -0.99, 0.99)))
-        value = self.value.init(key_value, observation, heard)
+        value = self.value_network.init(key_value, observation, heard)
         return PPOState(
             actor=actor,
             averaged=jax.tree.map(jnp.copy, actor),
@@ -134,15 +134,15 @@ class PPO:
         return learner.averaged
 
     def act(self, key, learner: PPOState, observation, hyper: PPOHyperparameters) -> Action:
-        """Sample a twist, as yet unclipped, for each observation `[..., ...]`, and no code."""
+        """Sample a twist, as yet unclipped, for each observation `[..., ...]`, and no request."""
         del hyper
         mean, log_std = self._gaussian(learner.actor, observation)
         twist = mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
         return silent(twist)
 
     def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
-        """The mean twist; it has no voice, and hears codes, whatever is ``spoken``."""
-        del voice, spoken
+        """The mean twist; it has no voice, and hears codes, whatever the ``vocabulary``."""
+        del voice, vocabulary
         mean, _ = self._gaussian(actor, observation)
         return silent(jnp.clip(mean, -1.0, 1.0))
 
@@ -164,7 +164,7 @@ class PPO:
         advantages = gae(batch, values, next_values, hyper)
         data = {
             "observation": batch.observation, "twist": batch.twist, "advantage": advantages,
-            "return": advantages + values, "log_density": self._log_density(state.actor, batch)[0],
+            "return": advantages + values, "log_density": self._log_density(state.actor, batch.observation, batch.twist)[0],
         }  # fmt: skip
         data = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), data)
 
@@ -191,12 +191,12 @@ class PPO:
         return state, metrics | {"q": jnp.mean(values)}
 
     def _gaussian(self, actor, observation) -> Any:
-        return self.actor.apply(actor, observation, message_codes(observation.dialogue), method="gaussian")
+        return self.actor_network.apply(actor, observation, message_codes(observation.dialogue), method="gaussian")
 
-    def _log_density(self, actor, batch):
+    def _log_density(self, actor, observation, twist):
         """(log density of the twists that were tried, entropy), each `[...]`."""
-        mean, log_std = self._gaussian(actor, batch["observation"])
-        noise = (batch["twist"] - mean) * jnp.exp(-log_std)
+        mean, log_std = self._gaussian(actor, observation)
+        noise = (twist - mean) * jnp.exp(-log_std)
         constant = 0.5 * jnp.log(2.0 * jnp.pi)
         return jnp.sum(-0.5 * noise * noise - log_std - constant, axis=-1), jnp.sum(log_std + constant + 0.5, axis=-1)
 
@@ -205,12 +205,12 @@ class PPO:
         return self._value(params, batch.observation), self._value(params, batch.next_observation)
 
     def _value(self, params, observation) -> Any:
-        return self.value.apply(params, observation, message_codes(observation.dialogue))
+        return self.value_network.apply(params, observation, message_codes(observation.dialogue))
 
     def _loss(self, params, part, hyper):
         """Loss of actor and value network, and metrics."""
         actor, value = params
-        log_density, entropy = self._log_density(actor, part)
+        log_density, entropy = self._log_density(actor, part["observation"], part["twist"])
         error = self._value(value, part["observation"]) - part["return"]
         value_loss = 0.5 * jnp.mean(error * error)
         actor_loss = self._actor_loss(log_density, part, hyper)

@@ -79,7 +79,7 @@ class Replay:
             count += goes_on
             last = jax.tree.map(functools.partial(select, goes_on), then, last)
             goes_on &= ~then.ended
-        ends = {name: last[name] for name in ("next_snapshot", "terminated", "ended")}
+        ends = {name: getattr(last, name) for name in ("next_snapshot", "terminated", "ended")}
         return first.replace(reward=reward, **ends), count
 
     def _by_type(self, tree):

@@ -27,7 +27,7 @@ def straight_line(policy_params, state, world, params):
     del policy_params, world
     robot = state.robot
     turn = _turn_toward(robot, robot.goal_x - robot.x, robot.goal_y - robot.y, params)
-    return Action(twist=jnp.stack([jnp.ones_like(turn), turn]), code=jnp.int32(NONE))
+    return Action(twist=jnp.stack([jnp.ones_like(turn), turn]), request=jnp.int32(NONE))
 
 
 def orca_robot(policy_params, state, world, params):
@@ -57,7 +57,7 @@ def orca_robot(policy_params, state, world, params):
         closing = -cross2d(plane.dx, plane.dy, jnp.cos(chord), jnp.sin(chord))
         most = jnp.maximum(-plane.violation(0.0, 0.0), 0.0) / jnp.maximum(closing, 1e-6)
         ahead = jnp.where(plane.active & (closing > 0), jnp.minimum(ahead, most), ahead)
-    return Action(twist=jnp.stack([2.0 * ahead / params.max_v - 1.0, turn]), code=jnp.int32(NONE))
+    return Action(twist=jnp.stack([2.0 * ahead / params.max_v - 1.0, turn]), request=jnp.int32(NONE))
 
 
 class DialogueAbility(NamedTuple):
@@ -124,7 +124,7 @@ def planner(ability, state, world, params):
     turn = jnp.clip(error / (params.max_w * params.dt), -1.0, 1.0)
     v = speed * jnp.maximum(jnp.cos(error), 0.0)
     return Action(
-        twist=jnp.stack([2.0 * v - 1.0, turn]), code=jnp.where(ability.speaks, _request(state, world, params), NONE)
+        twist=jnp.stack([2.0 * v - 1.0, turn]), request=jnp.where(ability.speaks, _request(state, world, params), NONE)
     )
 
 

@@ -4,10 +4,10 @@ import dataclasses
 from typing import Any
 
 import chex
-from flax import struct
 import jax
 import jax.numpy as jnp
 import optax
+from flax import struct
 
 from ..world import Action
 from .learner import ADAM, Batch, ReplayConfig, descend, silent
@@ -67,16 +67,16 @@ class TD3:
 
     def __init__(self, config: TD3Config = TD3Config()):
         self.config = config
-        self.actor = Actor(config.encoder, config.actor_widths)
-        self.critic = TwinCritic(config.encoder, config.critic_widths, outputs=1)
+        self.actor_network = Actor(config.encoder, config.actor_widths)
+        self.critic_network = TwinCritic(config.encoder, config.critic_widths, outputs=1)
 
     def init(self, key, observation, hyper: TD3Hyperparameters) -> TD3State:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         del hyper
         key_actor, key_critic = jax.random.split(key)
         heard = message_codes(observation.dialogue)
-        actor = self.actor.init(key_actor, observation, heard, method="steer")
-        critic = self.critic.init(key_critic, observation, heard, jnp.zeros(2))
+        actor = self.actor_network.init(key_actor, observation, heard, method="steer")
+        critic = self.critic_network.init(key_critic, observation, heard, jnp.zeros(2))
         return TD3State(
             actor=actor,
             critic=critic,
@@ -91,14 +91,14 @@ class TD3:
         return learner.target_actor
 
     def act(self, key, learner: TD3State, observation, hyper: TD3Hyperparameters) -> Action:
-        """The actor's twist with noise, for each observation `[..., ...]`, and no code."""
+        """The actor's twist with noise, for each observation `[..., ...]`, and no request."""
         twist = self._twist(learner.actor, observation)
         twist = jnp.clip(twist + hyper.exploration_noise * jax.random.normal(key, twist.shape), -1.0, 1.0)
         return silent(twist)
 
     def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
-        """The actor's twist; it has no voice, and hears codes, whatever is ``spoken``."""
-        del voice, spoken
+        """The actor's twist; it has no voice, and hears codes, whatever the ``vocabulary``."""
+        del voice, vocabulary
         return silent(self._twist(actor, observation))
 
     def vocabulary(self, split):
@@ -134,12 +134,12 @@ class TD3:
         return state, {"critic_loss": critic_loss, "q": q, "actor_loss": actor_loss}
 
     def _twist(self, actor, observation):
-        mean: Any = self.actor.apply(actor, observation, message_codes(observation.dialogue), method="steer")
+        mean: Any = self.actor_network.apply(actor, observation, message_codes(observation.dialogue), method="steer")
         return jnp.tanh(mean)
 
     def _q(self, critic, observation, twist) -> Any:
         """Q `[2, ...]`."""
-        q: Any = self.critic.apply(critic, observation, message_codes(observation.dialogue), twist)
+        q: Any = self.critic_network.apply(critic, observation, message_codes(observation.dialogue), twist)
         return q[..., 0]
 
     def _target(self, key, state, batch, hyper):

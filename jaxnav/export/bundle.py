@@ -72,7 +72,7 @@ def check_folder(folder, replace=False):
 def _fill(folder, run, actor, contract):
     for path in (*sorted(ROBOT.glob("*.py")), pathlib.Path(sides.__file__)):
         shutil.copyfile(path, folder / path.name)
-    weights = torch_weights(actor, contract["network"]["codes"])
+    weights = torch_weights(actor, contract["network"]["requests"])
     if "maps" in network_inputs(run):
         weights |= grid_tables(run.world.config.beams, run.params.robot_radius)
     _save(folder / "weights.npz", weights)

@@ -23,9 +23,9 @@ RAW_PARTS = ("scan", "pedestrians", "dialogue")  # of an observation, from which
 TALK = ("is_open", "pedestrian_first", "message_age", "request", "request_age", "reply")  # observed of a dialogue
 
 
-def codes_of(agent):
-    """How many codes the policy chooses from; 1: it is silent."""
-    return agent.config.codes if isinstance(agent, HSAC) else 1
+def requests_of(agent):
+    """How many requests the policy chooses from; 1: it is silent."""
+    return agent.config.requests if isinstance(agent, HSAC) else 1
 
 
 def hears_phrases(agent):
@@ -62,7 +62,7 @@ def contract_of(run, origin):
         "about": "What the policy in weights.npz reads and does. Lengths are metres, times seconds, angles radians "
         "counter-clockwise unless an entry says otherwise. Robot frame: x forward, y left.",
         "inputs": [_INPUTS[name](run, nearest) | {"name": name} for name in raw_inputs(run)],
-        "outputs": _outputs(params, codes_of(agent), nearest),
+        "outputs": _outputs(params, requests_of(agent), nearest),
         "network": _network(run),
         "laser": {
             "beams": config.beams, "angle_min": -math.pi / 2, "angle_max": math.pi / 2,
@@ -80,7 +80,7 @@ def contract_of(run, origin):
         },
         # How far ahead the safety layer looks: one period and the way of braking; and which gap it keeps.
         "safety": {"deceleration": 1.5, "gap": 0.015, "gap_at_full_speed": 0.03, "timeout": 0.5},
-        "codes": [{"code": code, "name": REQUESTS[code]} for code in range(codes_of(agent))],
+        "requests": [{"request": request, "name": REQUESTS[request]} for request in range(requests_of(agent))],
         "hearing": config.hearing,
         "messages": list(MESSAGES),
         "replies": list(REPLIES),
@@ -128,7 +128,7 @@ _INPUTS = {
     "is_open": _each("bool", 0, 1, "Whether a dialogue with that person is open."),
     "pedestrian_first": _each("bool", 0, 1, "Whether that person spoke first in it."),
     "message_age": _each("int32", 0, 1_000_000, "Periods since the person spoke, 0 where it did not.", _PERIOD),
-    "request": _each("int32", 0, 3, "The code that the robot asked of that person, 0 none."),
+    "request": _each("int32", 0, 3, "The request that the robot asked of that person, 0 none."),
     "request_age": _each("int32", 0, 1_000_000, "Periods since it asked, 0 where it did not.", _PERIOD),
     "reply": _each("int32", 0, 2, "The answer: an index into replies."),
     "words": lambda run, nearest: _entry(
@@ -150,22 +150,22 @@ _INPUTS = {
         "not asked yet."
     ),
     "voice": lambda run, _: _entry(
-        [], "bool", "1", 0, 1, "Whether a code may be spoken now: once in a period. Without it the code is none."
+        [], "bool", "1", 0, 1, "Whether a request may be spoken now: once in a period. Without it the request is none."
     ),
 }  # fmt: skip
 
 
-def _outputs(params, codes, nearest):
+def _outputs(params, requests, nearest):
     def output(name, shape, unit, low, high, meaning, frame="none", order="none"):
-        dtype = "int64" if name == "code" else "float32"
+        dtype = "int64" if name == "request" else "float32"
         return {"name": name, **_entry(shape, dtype, unit, low, high, meaning, frame, order)}
 
     turn = float(params.max_w)
     return [
         output("v", [], "m/s", 0.0, float(params.max_v), "Speed forward.", "robot"),
         output("w", [], "rad/s", -turn, turn, "Turning rate, positive to the left.", "robot"),
-        output("code", [], "1", 0, codes - 1, "What to ask of the nearest person who may be asked: see codes."),
-        output("log_p", [codes], "1", -2e9, 0.0, "Log-probabilities of the codes.", order="codes"),
+        output("request", [], "1", 0, requests - 1, "What to ask of the nearest person who may be asked: see requests."),
+        output("log_p", [requests], "1", -2e9, 0.0, "Log-probabilities of the requests.", order="requests"),
         output("heard", [nearest, 3], "1", 0.0, 1.0, "Probabilities that a person asks the robot to stop, to go to the "
                "robot's right, to go to its left."),
         output("answer", [nearest, 3], "1", 0.0, 1.0, "Probabilities of what a person answers: see replies."),
@@ -175,10 +175,10 @@ def _outputs(params, codes, nearest):
 def _network(run):
     """Sizes of `Actor` in robot/policy.py."""
     agent, config = run.agent, run.agent.config
-    codes = codes_of(agent)
+    requests = requests_of(agent)
     sizes = {
         "encoder": config.encoder, "inputs": list(network_inputs(run)), "widths": list(config.actor_widths),
-        "codes": codes, "twists": codes if getattr(config, "heads", "shared") == "per-code" else 1,
+        "requests": requests, "twists": requests if getattr(config, "heads", "shared") == "per-request" else 1,
         "mean_tanh": bool(getattr(config, "mean_tanh", False)), "squash": "clip" if isinstance(agent, PPO) else "tanh",
         "max_v": float(run.params.max_v), "max_w": float(run.params.max_w),
     }  # fmt: skip
@@ -195,11 +195,11 @@ def _network(run):
 
 
 def _sentences():
-    """What the robot may say. request, acknowledge: by code or message; reply: by reply; repeat: where it is unsure."""
+    """What the robot may say. request, acknowledge: by request or message; reply: by reply; repeat: where it is unsure."""
     sides = (STOP, RIGHT, LEFT)
     return {
-        "request": {REQUESTS[code]: sentences(Context(code)) for code in sides},
-        "acknowledge": {MESSAGES[code]: sentences(Context(code, "pedestrian")) for code in sides},
+        "request": {REQUESTS[request]: sentences(Context(request)) for request in sides},
+        "acknowledge": {MESSAGES[request]: sentences(Context(request, "pedestrian")) for request in sides},
         "reply": {REPLIES[reply]: sentences(Context(STOP, "robot", reply)) for reply in (AGREES, REFUSES)},
         "repeat": sentences(Context(NONE, "nobody")),
     }

@@ -13,7 +13,7 @@ from .verify import run_policy
 
 OPSET = 13  # the newest of TensorRT 8.2 and of what PyTorch's exporter writes for it
 ONNX_TOLERANCE = 1e-4
-_OUTPUTS = ("v", "w", "code", "log_p", "heard", "answer")
+_OUTPUTS = ("v", "w", "request", "log_p", "heard", "answer")
 
 
 def add_onnx(folder):
@@ -50,10 +50,10 @@ def add_onnx(folder):
             for i in range(len(golden["out.v"]))
         ]
         outputs = [np.concatenate(part) for part in zip(*rows, strict=True)]
-        error, codes = robot.golden_error(policy, golden, outputs)
-        if not error <= ONNX_TOLERANCE or codes:
+        error, requests = robot.golden_error(policy, golden, outputs)
+        if not error <= ONNX_TOLERANCE or requests:
             raise UserError(
-                f"the ONNX file differs by {error:.1e} and in {codes} codes from golden.npz (at most "
+                f"the ONNX file differs by {error:.1e} and in {requests} requests from golden.npz (at most "
                 f"{ONNX_TOLERANCE:g}): it was not written"
             )
         target.write_bytes(path.read_bytes())

@@ -12,8 +12,8 @@ def readme_of(contract):
 
 
 def _facts(contract):
-    control, safety, codes = contract["control"], contract["safety"], contract["codes"]
-    asks = [code["name"] for code in codes[1:]]
+    control, safety, requests = contract["control"], contract["safety"], contract["requests"]
+    asks = [request["name"] for request in requests[1:]]
     names = '", "'.join(contract["messages"][1:] + contract["replies"][1:])
     hears = contract["language"] is not None
     encoder = contract["network"]["encoder"]
@@ -74,14 +74,14 @@ def _tables(contract):
                 f"{entry['frame']}; {entry['order']} | {entry['meaning']} |"
             )
         lines.append("")
-    codes = ", ".join(f"{code['code']} {code['name']}" for code in contract["codes"])
+    requests = ", ".join(f"{request['request']} {request['name']}" for request in contract["requests"])
     messages = ", ".join(f"{i} {name}" for i, name in enumerate(contract["messages"]))
     replies = ", ".join(f"{i} {name}" for i, name in enumerate(contract["replies"]))
     inputs = ", ".join(f"`{name}`" for name in contract["network"]["inputs"])
     maps = " `maps` [1, 4, 48, 48] is what `Policy().rasterise(scan, pedestrians, seen)` makes of scan and people."
     return [
         *lines,
-        f"Codes: {codes}. Messages: {messages}. Replies: {replies}.",
+        f"Requests: {requests}. Messages: {messages}. Replies: {replies}.",
         "",
         "## Other formats",
         "Where they were asked for, `policy.onnx` (opset 13, for onnxruntime 1.10 or newer; made for TensorRT 8.2, and "

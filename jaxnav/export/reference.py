@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..agents.distributions import code_log_probabilities
+from ..agents.distributions import request_log_probabilities
 from ..agents.networks import message_codes, spoken_words
 from ..world import SCENES, World
 from ..world.robot import twist_from_action
 from ..world.types import REPLIES
-from .contract import RAW_PARTS, TALK, codes_of, raw_inputs
+from .contract import RAW_PARTS, TALK, raw_inputs, requests_of
 
 _EPISODES = 14  # of each scene: as many as are drawn, so that one compiled program serves both
 
@@ -35,7 +35,7 @@ class Reference:
     def sample(self, episodes, count, seed):
         """(inputs, outputs) `[count, ...]` by name in ``count`` states drawn from ``episodes``.
 
-        In one state of four no code may be spoken, as between two beats of a robot.
+        In one state of four no request may be spoken, as between two beats of a robot.
         """
         states = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(episode.states for episode in episodes))
         rng = np.random.default_rng(seed)
@@ -44,7 +44,7 @@ class Reference:
         return self.both(jax.tree.map(lambda leaf: leaf[rows], states), rng.random(count) < 0.75)
 
     def both(self, states, voice):
-        """(inputs, outputs) `[n, ...]` by name in states `[n]`; voice: `[n]` whether a code may be spoken."""
+        """(inputs, outputs) `[n, ...]` by name in states `[n]`; voice: `[n]` whether a request may be spoken."""
         spoken = self._run.agent.vocabulary("test")
         inputs, outputs = jax.device_get(self._both(self._actor, spoken, states, voice))
         return {name: inputs[name] for name in raw_inputs(self._run)}, outputs
@@ -66,7 +66,7 @@ class Reference:
         action = jax.vmap(agent.best_action, in_axes=(None, 0, 0, None))(actor, observation, voice, spoken)
         v, w = jax.vmap(twist_from_action, in_axes=(0, None))(action.twist, self._run.params)
         log_p, heard, answer = self._words(actor, spoken, observation, voice)
-        return {"v": v, "w": w, "code": action.code, "log_p": log_p, "heard": heard, "answer": answer}
+        return {"v": v, "w": w, "request": action.request, "log_p": log_p, "heard": heard, "answer": answer}
 
     def _words(self, actor, spoken, observation, voice) -> Any:
         agent = self._run.agent
@@ -74,9 +74,9 @@ class Reference:
         answer = jnp.broadcast_to(jax.nn.one_hot(0, len(REPLIES)), (*heard.shape[:-1], len(REPLIES)))
         if spoken is not None:
             words = spoken_words(observation.dialogue, spoken)
-            heard = agent.actor.apply(actor, words, method="listen")
+            heard = agent.actor_network.apply(actor, words, method="listen")
             answer = jnp.exp(agent.understand(actor, words)[1])
-        if codes_of(agent) == 1:
+        if requests_of(agent) == 1:
             return jnp.zeros((heard.shape[0], 1)), heard, answer
-        _, _, logits = agent.actor.apply(actor, observation, heard, method="act")
-        return code_log_probabilities(logits, observation.may_request & voice), heard, answer
+        _, _, logits = agent.actor_network.apply(actor, observation, heard, method="act")
+        return request_log_probabilities(logits, observation.may_request & voice), heard, answer

@@ -12,7 +12,7 @@ from .contract import SCHEMA
 from .seal import checksum, hash_of
 
 _ENTRIES = (
-    "inputs", "outputs", "network", "laser", "control", "robot", "people", "encounter", "safety", "codes", "hearing",
+    "inputs", "outputs", "network", "laser", "control", "robot", "people", "encounter", "safety", "requests", "hearing",
     "messages", "replies", "sentences", "language", "origin", "files",
 )  # fmt: skip
 _FIELDS = ("name", "shape", "dtype", "unit", "frame", "order", "range", "meaning")

@@ -8,14 +8,14 @@ _ENCODER_PARTS = {
     "lidar": {"MLP_0": "scan", "MLP_1": "people"},
     "grid": {"MLP_0": "talk", "MLP_1": "both"},
 }
-_HEADS = ("mean_head", "code_head")
+_HEADS = ("mean_head", "request_head")
 _WORDS = {"Dense_0": "hidden", "Dense_1": "message", "Dense_2": "reply"}
 
 
-def torch_weights(actor, codes):
+def torch_weights(actor, requests):
     """{name: float32 array} of the flax parameters ``actor`` of an `Actor`.
 
-    codes: of a policy that may ask for nothing, 1, the head of codes is left out, as the standard deviations of the
+    requests: of a policy that may ask for nothing, 1, the head of requests is left out, as the standard deviations of the
     twist always are: both only serve training.
     """
     params = actor["params"]
@@ -27,7 +27,7 @@ def torch_weights(actor, codes):
     if grid:
         weights |= _image(encoder)
     weights |= _mlp(params["body"], "body")
-    for name in _HEADS if codes > 1 else _HEADS[:1]:
+    for name in _HEADS if requests > 1 else _HEADS[:1]:
         weights |= _dense(params[name], name)
     for part, name in _WORDS.items() if "language_pre_net" in params else ():
         weights |= _dense(params["language_pre_net"][part], f"listener.{name}")

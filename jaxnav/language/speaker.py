@@ -11,11 +11,11 @@ _LONGEST = 120  # characters that are spoken
 
 
 class Context(NamedTuple):
-    """What the robot means. asked_by: robot, it asks for ``code`` (an index into `REQUESTS`), or, where ``reply`` says
-    that the pedestrian agreed or refused, it acknowledges that; pedestrian, it was asked for ``code`` and does it;
+    """What the robot means. asked_by: robot, it asks for ``request`` (an index into `REQUESTS`), or, where ``reply`` says
+    that the pedestrian agreed or refused, it acknowledges that; pedestrian, it was asked for ``request`` and does it;
     nobody, it did not understand and asks to repeat."""
 
-    code: int
+    request: int
     asked_by: str = "robot"
     reply: int = NONE
 
@@ -74,9 +74,9 @@ class TemplateSpeaker:
 
 def sentences(context):
     """All templates of a context. ValueError: nothing is meant by it."""
-    side = _SIDES.get(context.code)
-    for code in (context.code, "side" if side else None, "any"):
-        found = _TEMPLATES.get((context.asked_by, context.reply, code))
+    side = _SIDES.get(context.request)
+    for request in (context.request, "side" if side else None, "any"):
+        found = _TEMPLATES.get((context.asked_by, context.reply, request))
         if found:
             return tuple(sentence.format(side=side) for sentence in found)
     raise ValueError(f"context is {context}: there is nothing to say")
@@ -128,7 +128,7 @@ def expresses(text, context):
             raise ValueError(f"the answer gives no thanks: {sentence!r}")
         return sentence
     asks = context.asked_by == "robot" and context.reply == NONE
-    wanted = None if context.reply == REFUSES else _SIDES.get(context.code)
+    wanted = None if context.reply == REFUSES else _SIDES.get(context.request)
     _check_sides(sentence, words, wanted, "your" if asks else "my")
     if wanted and not _MOVES.search(words):
         raise ValueError(f"the answer names a side and no move: {sentence!r}")
@@ -177,7 +177,7 @@ class LanguageModelSpeaker:
         """`Asked` about what to say; what was said of the same context before is said again."""
         if context in self._said:
             return Answered(self._said[context])
-        ask, do = _ASK.get(context.code, ""), _DO.get(context.code, "")
+        ask, do = _ASK.get(context.request, ""), _DO.get(context.request, "")
         if context.asked_by == "robot":  # to "their" right, in words that the person may be told
             ask = ask.replace("let you", "let the robot")
         question = _MEANINGS[context.asked_by, context.reply].format(ask=ask, do=do)

@@ -38,7 +38,7 @@ class Projection(NamedTuple):
         return cls(centre.astype(np.float32), scaled.astype(np.float16))
 
     def __call__(self, features):
-        """PopulationJob vectors `[n, DIMENSIONS]`, float16."""
+        """Unit vectors `[n, DIMENSIONS]`, float16."""
         said = (features - self.centre) @ self.components.astype(np.float32)
         return (said / np.maximum(np.linalg.norm(said, axis=-1, keepdims=True), 1e-6)).astype(np.float16)
 

@@ -1,9 +1,9 @@
 """Which phrase is said: (message, utterance) -> a vector, as a pure function on the device."""
 
 import chex
-from flax import struct
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 
 from ..world.types import MESSAGES
 from .phrases import SPLITS

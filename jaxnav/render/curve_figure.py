@@ -20,7 +20,7 @@ def learning_curve(lines, path):
     """Draw success, losses, entropies and temperatures of a run; write a PNG to ``path``.
 
     lines: the dicts of metrics.jsonl in order: updates, wall_seconds, critic_loss, actor_loss, twist_entropy,
-    code_entropy, twist_temperature, code_temperature, success (scene -> rate in recent training or None) and, on some
+    request_entropy, twist_temperature, request_temperature, success (scene -> rate in recent training or None) and, on some
     lines, evaluation (scene -> rate). A value may be missing or None. Returns the `Figure`. ValueError: no lines.
     """
     if not lines:
@@ -40,11 +40,11 @@ def learning_curve(lines, path):
     _draw_measures(below[1], lines, updates, "Actor loss", {"actor_loss": ("actor", "#3C3F45")})
     _draw_measures(
         below[2], lines, updates, "Entropy (nats)",
-        {"twist_entropy": ("twist", blue), "code_entropy": ("code", orange)}, logarithmic=False,
+        {"twist_entropy": ("twist", blue), "request_entropy": ("request", orange)}, logarithmic=False,
     )  # fmt: skip
     _draw_measures(
         below[3], lines, updates, "Temperature",
-        {"twist_temperature": ("twist", blue), "code_temperature": ("code", orange)},
+        {"twist_temperature": ("twist", blue), "request_temperature": ("request", orange)},
     )  # fmt: skip
     for axes in (success, *below):
         axes.set_xlabel("updates")

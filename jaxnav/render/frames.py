@@ -94,7 +94,7 @@ class _Pen:
         return max(1, round(width * self._stroke))
 
     def fill(self, polygons, colour, alpha=1.0):
-        """SlotFill polygons given in pixels; where they overlap is outside (even-odd), so that pillars stay solid."""
+        """Fill polygons given in pixels; where they overlap is outside (even-odd), so that pillars stay solid."""
         target = self.canvas if alpha == 1.0 else self.canvas.copy()
         cv2.fillPoly(target, [_fixed(polygon) for polygon in polygons], palette.rgb(colour), cv2.LINE_AA, _SHIFT)
         if alpha < 1.0:

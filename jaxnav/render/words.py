@@ -40,7 +40,7 @@ def utterances(episode):
     """The requests and messages of an `Episode` in order of time: a list of `Utterance`."""
     said = []
     for speaker, field in (("robot", "request"), ("pedestrian", "message")):
-        codes = np.asarray(episode.states.encounters[field], dtype=int)
+        codes = np.asarray(getattr(episode.states.encounters, field), dtype=int)
         before = np.concatenate([np.zeros_like(codes[:1]), codes[:-1]])
         for t, pedestrian in np.argwhere((codes != before) & (codes != NONE)):
             said.append(Utterance(int(t), speaker, int(pedestrian), int(codes[t, pedestrian])))
@@ -66,7 +66,7 @@ def captions(episode, t, hearing=True):
     spoken, chats, remarks = [], [], []
     for i in episode.present:
         name = "Pedestrian" if count == 1 else f"Pedestrian {i + 1}"
-        request, message, reply = (int(encounters[field][t, i]) for field in ("request", "message", "reply"))
+        request, message, reply = (int(getattr(encounters, field)[t, i]) for field in ("request", "message", "reply"))
         if request != NONE:
             addressee = "" if count == 1 else f" to {name.lower()}"
             lines = [("robot", f'Robot{addressee}: "{REQUEST_SENTENCES[request]}"')]
@@ -90,7 +90,7 @@ def captions(episode, t, hearing=True):
 def ending(episode):
     """How an episode ended: "arrived", "collision", "time out", or "" where the recording stopped before its end."""
     for event, word in (("arrived", "arrived"), ("collided", "collision"), ("truncated", "time out")):
-        if episode.outcomes[event][-1]:
+        if getattr(episode.outcomes, event)[-1]:
             return word
     return ""
 

@@ -23,8 +23,8 @@ from .judge import PopulationEvaluator
 from .spec import get
 
 LOSSES = (
-    "reward", "critic_loss", "actor_loss", "q", "twist_entropy", "code_entropy", "twist_temperature",
-    "code_temperature",
+    "reward", "critic_loss", "actor_loss", "q", "twist_entropy", "request_entropy", "twist_temperature",
+    "request_temperature",
 )  # fmt: skip
 
 
@@ -134,7 +134,9 @@ class Worker:
             config, agent = unit.config, make_agent(unit.config)
             own = tuple(name.rpartition(".")[2] for name in unit.floats if name.startswith("world."))
             population = Population(config, agent, unit.members, own)
-            judge = PopulationEvaluator(population.world, config.world.params, agent, unit.episodes, population.policy_shapes())
+            judge = PopulationEvaluator(
+                population.world, config.world.params, agent, unit.episodes, population.policy_shapes()
+            )
             self._programs[key] = population, judge
         return self._programs[key]
 

@@ -1,6 +1,7 @@
 """What a run is: every value with its default, and the presets."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,8 @@ class WorldSettings(WorldConfig):
         known = [name for name in names if name in SCENES]
         usual, here = Params(), default_params(known) if known else Params()
         params = {
-            name: here[name] if np.array_equal(value, usual[name]) else value for name, value in self.params.items()
+            name: getattr(here, name) if np.array_equal(value, getattr(usual, name)) else value
+            for name, value in vars(self.params).items()
         }
         return dataclasses.replace(self, scenes=tuple(names), pedestrians=pedestrians, params=Params(**params))
 
@@ -127,9 +129,17 @@ class RunConfig:
     out: str = ""
     resume: bool = False
     world: WorldSettings = WorldSettings()
+    agent: Any = None
+    hyper: Any = None
+    train: TrainConfig = TrainConfig()
+
+
+@dataclasses.dataclass(frozen=True)
+class HSACRunConfig(RunConfig):
+    __doc__ = RunConfig.__doc__
+
     agent: HSACConfig = HSACConfig()
     hyper: HSACHyperparameters = dataclasses.field(default_factory=HSACHyperparameters)
-    train: TrainConfig = TrainConfig()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,7 +174,7 @@ class A2CRunConfig(RunConfig):
 
 # Of each algorithm its learner and the class of its runs.
 ALGORITHMS = {
-    "hsac": (HSAC, RunConfig),
+    "hsac": (HSAC, HSACRunConfig),
     "td3": (TD3, TD3RunConfig),
     "ppo": (PPO, PPORunConfig),
     "a2c": (A2C, A2CRunConfig),
@@ -174,8 +184,8 @@ _MAPS = WorldSettings(observation=PARTS["grid"])
 _PAPER_NET = HSACConfig(encoder="grid", actor_widths=(128,), critic_widths=(128,), batch=256, updates_per_step=4)
 _SLOW = HSACHyperparameters(actor_lr=3e-4, critic_lr=3e-4)  # convolutions learn sooner than at 1e-3 (docs/learner.md)
 PRESETS = {
-    "quick": RunConfig(),
-    "robust": RunConfig(
+    "quick": HSACRunConfig(),
+    "robust": HSACRunConfig(
         preset="robust",
         world=WorldSettings(
             pedestrians=8,
@@ -194,13 +204,13 @@ PRESETS = {
         ),
         train=TrainConfig(total_steps=1500),
     ),
-    "lidar": RunConfig(
+    "lidar": HSACRunConfig(
         preset="lidar",
         agent=HSACConfig(actor_widths=(256, 256), critic_widths=(256, 256)),
         train=TrainConfig(replay_rows=1500, total_steps=3000, evaluate_every=10),
     ),
-    "grid": RunConfig(preset="grid", world=_MAPS, agent=_PAPER_NET, hyper=_SLOW),
-    "grid-frozen": RunConfig(
+    "grid": HSACRunConfig(preset="grid", world=_MAPS, agent=_PAPER_NET, hyper=_SLOW),
+    "grid-frozen": HSACRunConfig(
         preset="grid-frozen", world=_MAPS, agent=dataclasses.replace(_PAPER_NET, encoder="grid-frozen")
     ),
 }
@@ -285,7 +295,7 @@ def resolve(config: RunConfig) -> RunConfig:
 
 
 _FRACTIONS = (
-    "discount", "tau", "average", "final_lr", "target_entropy_code", "backup_entropy", "gae_lambda", "word_errors",
+    "discount", "tau", "average", "final_lr", "target_entropy_request", "backup_entropy", "gae_lambda", "word_errors",
     "initial_std",
 )  # fmt: skip
 _ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm", "reward_scale")
@@ -296,7 +306,7 @@ _NOT_NEGATIVE = (
 
 def check_hyperparameters(hyper):
     """Raise ValueError naming the first hyperparameter that is not finite or out of its range."""
-    for name, value in hyper.items():
+    for name, value in vars(hyper).items():
         if not np.all(np.isfinite(value)):
             raise ValueError(f"hyper.{name} is {value}: give a finite number")
         if (name.endswith("_lr") or name in _NOT_NEGATIVE) and np.any(np.asarray(value) < 0):

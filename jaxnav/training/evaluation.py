@@ -1,6 +1,6 @@
 """Evaluation: the seven metrics with Wilson intervals, beside the straight-line robot and the muted policy.
 
-docs/world.md section 9. The first episode of each environment only, most probable code and mean twist.
+docs/world.md section 9. The first episode of each environment only, most probable request and mean twist.
 """
 
 import math
@@ -31,7 +31,7 @@ def wilson_interval(successes, trials, z=1.959964):
 
 
 def make_policy(agent):
-    """A `Policy` whose parameters are (actor parameters, voice, spoken): without voice every code is none; spoken: the
+    """A `Policy` whose parameters are (actor parameters, voice, spoken): without voice every request is none; spoken: the
     `Vocabulary` that people use, None for an agent that hears codes."""
 
     def policy(policy_params, state, world, params):
@@ -120,7 +120,7 @@ def _scene_metrics(played, muted, straight):
         "straight_line_success": float(straight.arrived.mean()),
         "muted_success": float(muted.arrived.mean()),
         "muted_min_distance": _mean(muted.min_distance[muted.arrived]),
-        "requests": {name: float((played.request == code).mean()) for code, name in enumerate(REQUESTS)},
+        "requests": {name: float((played.request == request).mean()) for request, name in enumerate(REQUESTS)},
         "complied": _mean(played.agreed[played.replied]),
     }
 

@@ -7,9 +7,9 @@ A population is a ``vmap`` of `Trainer.train_chunk` over `LoopState` and `HSACHy
 from typing import Any
 
 import chex
-from flax import struct
 import jax
 import jax.numpy as jnp
+from flax import struct
 
 from ..agents.learner import Batch, Transition
 from ..agents.replay import Replay, by_shard, select
@@ -64,7 +64,7 @@ class Trainer:
                 snapshot=snapshot,
                 next_snapshot=snapshot,
                 twist=jax.ShapeDtypeStruct((2,), jnp.float32),
-                code=jax.ShapeDtypeStruct((), jnp.uint8),
+                request=jax.ShapeDtypeStruct((), jnp.uint8),
                 reward=scalar,
                 terminated=jax.ShapeDtypeStruct((), bool),
                 ended=jax.ShapeDtypeStruct((), bool),
@@ -175,7 +175,7 @@ class Trainer:
             snapshot=snapshots,
             next_snapshot=jax.vmap(world.snapshot)(states),
             twist=action.twist,
-            code=action.code.astype(jnp.uint8),
+            request=action.request.astype(jnp.uint8),
             reward=outcome.reward,
             terminated=outcome.terminated,
             ended=ended,
@@ -225,7 +225,7 @@ class Trainer:
             observation=jax.tree.map(lambda leaf: leaf[0], rendered),
             next_observation=jax.tree.map(lambda leaf: leaf[1], rendered),
             twist=transitions.twist,
-            code=transitions.code.astype(jnp.int32),
+            request=transitions.request.astype(jnp.int32),
             reward=transitions.reward,
             terminated=transitions.terminated,
             ended=transitions.ended,

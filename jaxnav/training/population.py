@@ -185,7 +185,10 @@ def _replaced(loop, fresh, slots):
     """``loop`` with those who are ``fresh`` in these slots. Replay needs no emptying: `train` is told since when."""
     names = ("key", "learner", "states", "ended")
     return loop.replace(
-        **{name: jax.tree.map(lambda new, old: _select(slots, new, old), fresh[name], loop[name]) for name in names}
+        **{
+            name: jax.tree.map(lambda new, old: _select(slots, new, old), getattr(fresh, name), getattr(loop, name))
+            for name in names
+        }
     )
 
 

@@ -15,7 +15,7 @@ _WHOLE = ("crowd_size", "control_latency", "scan_latency")
 def check_ranges(ranges, params, config):
     """ValueError names the range that is unknown, upside down, or leaves what `check_params` allows."""
     for name, low, high in ranges:
-        if name not in params:
+        if not hasattr(params, name):
             raise ValueError(f"world.randomise names {name!r}: give fields of world.params")
         if not low <= high:
             raise ValueError(f"world.randomise has {low} to {high} for {name}: give the lower end first")

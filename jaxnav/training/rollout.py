@@ -45,7 +45,7 @@ class EpisodeSummary(NamedTuple):
     steps: chex.Array
     min_distance: chex.Array
     comfortable_steps: chex.Array
-    request: chex.Array  # the first code that counted
+    request: chex.Array  # the first request that counted
     replied: chex.Array
     agreed: chex.Array
 

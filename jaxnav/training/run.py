@@ -13,10 +13,10 @@ import threading
 import time
 
 import chex
-from flax import struct
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 
 from ..errors import UserError, remedy
 from ..language.table import default_table

@@ -30,12 +30,12 @@ def may_request(encounter):
     return encounter.is_open & ~encounter.pedestrian_first & (encounter.request == NONE)
 
 
-def address(encounters, code):
-    """The code that each pedestrian `[P]` is asked: ``code`` for the nearest that may be asked, none for the others."""
+def address(encounters, request):
+    """The request that each pedestrian `[P]` is asked: ``request`` for the nearest that may be asked, none for the others."""
     askable = may_request(encounters)
     nearest = jnp.argmin(jnp.where(askable, encounters.distance, jnp.inf))
     addressed = askable & (jnp.arange(askable.shape[0]) == nearest)
-    return jnp.where(addressed, code, NONE)
+    return jnp.where(addressed, request, NONE)
 
 
 def receive(encounter, asked, traits, params):
@@ -166,7 +166,7 @@ def _gate(px, py, pedestrian, robot, params):
 
 
 def _walking_direction(pedestrian):
-    """PopulationJob vector toward where the pedestrian walks to: it has one even while standing."""
+    """Unit vector toward where the pedestrian walks to: it has one even while standing."""
     x, y = pedestrian.target()
     x, y = x - pedestrian.x, y - pedestrian.y
     # Who stands on its target walks nowhere: rounding must not become the gradient of a direction.

@@ -10,7 +10,7 @@ import numpy as np
 from . import delays, dialogue, pedestrian, placement, reward, scenes, sensing
 from .geometry import closest_approach, norm, time_to_disc, to_frame
 from .robot import arc, twist_from_action
-from .types import NONE, PedestrianTraits, Outcome, Params, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+from .types import NONE, Outcome, Params, PedestrianTraits, Robot, SeenPedestrian, Snapshot, State, WorldConfig
 from .walls import pad_walls, time_to_walls, walls_from_chains
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
@@ -38,7 +38,7 @@ def check_params(params, config=WorldConfig()):
 
     Traced values pass.
     """
-    for name, value in params.items():
+    for name, value in vars(params).items():
         if isinstance(value, jax.core.Tracer):
             continue
         value = np.asarray(value)
@@ -51,13 +51,13 @@ def check_params(params, config=WorldConfig()):
         if name in _PROBABILITIES and np.any((value < 0) | (value > 1)):
             raise ValueError(f"world.params.{name} is {value}: give a probability, 0 to 1")
     for name, longest in _WHOLE:
-        value, most = params[name], getattr(config, longest)
+        value, most = getattr(params, name), getattr(config, longest)
         if not isinstance(value, jax.core.Tracer) and not np.all(np.isin(value, range(most + 1))):
             remedy = f"a whole number from 0 to world.{longest}, which is {most}"
             raise ValueError(f"world.params.{name} is {value}: give {remedy}")
     _check_order(params, "preferred_speed", "max_speed")
     for name in ("robot_radius", "body_radius"):
-        value = params[name]
+        value = getattr(params, name)
         if not isinstance(value, jax.core.Tracer) and np.any(np.asarray(value) >= placement.CLEARANCE):
             raise ValueError(
                 f"world.params.{name} is {value}: give less than {placement.CLEARANCE}, the gap from starts to walls"
@@ -66,12 +66,12 @@ def check_params(params, config=WorldConfig()):
 
 def body_reach(params):
     """How far from where it starts the robot's body may get on a chord of its path, itself included, m (numpy)."""
-    max_v, dt, radius = (np.asarray(params[name]) for name in ("max_v", "dt", "robot_radius"))
+    max_v, dt, radius = (np.asarray(getattr(params, name)) for name in ("max_v", "dt", "robot_radius"))
     return max_v * dt / _CHORDS + radius
 
 
 def _check_order(params, low, high):
-    pair = params[low], params[high]
+    pair = getattr(params, low), getattr(params, high)
     if not any(isinstance(value, jax.core.Tracer) for value in pair) and np.any(np.asarray(pair[0]) > pair[1]):
         raise ValueError(f"world.params.{high} is {pair[1]}: give at least world.params.{low}, which is {pair[0]}")
 
@@ -165,7 +165,7 @@ class World:
         if self._cells is None:
             return
         scan_range = params.scan_range
-        moves = {name: params[name] for name in ("dt", "max_v", "robot_radius")}
+        moves = {name: getattr(params, name) for name in ("dt", "max_v", "robot_radius")}
         loaded = f"scene {self.scenes[0].name} was loaded for up to"
         if not isinstance(scan_range, jax.core.Tracer) and np.any(np.asarray(scan_range) > self._cells.scan_range):
             raise ValueError(
@@ -187,7 +187,7 @@ class World:
         walls = self.walls(state.scene)
         before, traits = state.robot, state.traits
 
-        asked = dialogue.address(state.encounters, action.code)
+        asked = dialogue.address(state.encounters, action.request)
         encounters = jax.vmap(dialogue.receive, in_axes=(0, 0, 0, None))(state.encounters, asked, traits, params)
         fits = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(before, state.pedestrians)
         fits = jnp.any((asked != NONE) & (asked == fits))
@@ -215,7 +215,7 @@ class World:
         t = state.t + 1
         terminated = arrived | collided
         outcome = Outcome(
-            reward=sum(terms.values()), reward_terms=terms, terminated=terminated,
+            reward=sum(vars(terms).values()), reward_terms=terms, terminated=terminated,
             truncated=(t >= params.max_steps) & ~terminated, arrived=arrived, collided=collided,
             hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), reply=jnp.max(replies),
             pedestrian_distance=distance, goal_distance=goal_distance,
@@ -241,8 +241,8 @@ class World:
             goal_y=robot.goal_y, turned=robot.start_heading - robot.heading, past=robot.past,
             pedestrians=SeenPedestrian(
                 **{name: getattr(state.pedestrians, name) for name in ("present", "x", "y", "vx", "vy")},
-                **{name: jnp.minimum(encounters[name], 255).astype(jnp.uint8) for name in small},
-                **{name: encounters[name] for name in ("is_open", "pedestrian_first", "utterance")},
+                **{name: jnp.minimum(getattr(encounters, name), 255).astype(jnp.uint8) for name in small},
+                **{name: getattr(encounters, name) for name in ("is_open", "pedestrian_first", "utterance")},
             ),
             past_views=state.past_views,
         )  # fmt: skip

@@ -10,7 +10,7 @@ _UNROLLED = 24  # walls up to which their loop is unrolled
 
 
 def beam_directions(beams):
-    """PopulationJob vectors `[B]`, `[B]` of the beams in the robot frame: right (-pi/2) to left (pi/2), both included."""
+    """Unit vectors `[B]`, `[B]` of the beams in the robot frame: right (-pi/2) to left (pi/2), both included."""
     angles = np.linspace(-np.pi / 2, np.pi / 2, beams)
     # cos(pi/2) is 6e-17 in floating point; an exact 0 keeps the outermost beams exactly sideways.
     return np.where(np.abs(angles) == np.pi / 2, 0.0, np.cos(angles)).astype(np.float32), np.sin(angles).astype(

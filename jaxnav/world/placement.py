@@ -5,10 +5,10 @@ The first candidate that keeps its distances is taken, so that a reset has a fix
 
 import functools
 
-from flax import struct
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 
 from .geometry import norm, unit
 from .scenes import straight

@@ -8,9 +8,9 @@ times seconds, angles radians counter-clockwise; the robot frame has x forward a
 import dataclasses
 from typing import Literal
 
-from flax import struct
 import jax
 import jax.numpy as jnp
+from flax import struct
 
 # What the robot may ask of a pedestrian, and what a pedestrian may ask of the robot (docs/world.md section 6).
 REQUESTS = ("none", "stop", "margin-right", "margin-left")
@@ -145,10 +145,10 @@ class Params:
 
 @struct.dataclass
 class Action:
-    """twist: `[2]` in [-1, 1], scaled to [0, max_v] and [-max_w, max_w]; code: int, an index into `REQUESTS`."""
+    """twist: `[2]` in [-1, 1], scaled to [0, max_v] and [-max_w, max_w]; request: int, an index into `REQUESTS`."""
 
     twist: jax.Array
-    code: jax.Array
+    request: jax.Array
 
 
 @struct.dataclass
@@ -391,7 +391,7 @@ class Observation:
 
     pose:            `[3, 3]` goal x, goal y in the robot frame and turned angle at t - 2, t - 1, t.
     twist:           `[2]` own v and w of the last step.
-    may_request:     bool, whether a code other than none counts now.
+    may_request:     bool, whether a request other than none counts now.
     scan:            `[B]` ranges, ``scan_range`` where nothing is hit.
     pedestrians:     `[K, 4]` x, y, vx, vy in the robot frame, robot velocity not subtracted; nearest first.
     seen:            `[K]` bool, whether there is such a pedestrian and the robot sees it; else its row is 0.
@@ -432,7 +432,7 @@ class Outcome:
     """What a step led to.
 
     reward; reward_terms; terminated: arrival or collision; truncated: out of time, neither of the two;
-    arrived, collided, hit_pedestrian (<= collided): the events; requested: the code that counted as a request in this
+    arrived, collided, hit_pedestrian (<= collided): the events; requested: the request that counted in this
     step; reply: the answer that came in this step or holds; pedestrian_distance: smallest surface distance to a
     pedestrian within the step; goal_distance: at its end.
     """

@@ -62,11 +62,11 @@ def test_time_truncates_and_every_episode_is_a_new_one(history, follows, is_firs
     assert len(np.unique(begins, axis=0)) == 3 * COUNT
 
 
-def test_the_greatest_preference_is_the_code_that_is_said(env, monkeypatch):
+def test_the_greatest_preference_is_the_request_that_is_said(env, monkeypatch):
     said = []
 
     def step(key, state, action, params):
-        said.append((action.twist.tolist(), int(action.code)))
+        said.append((action.twist.tolist(), int(action.request)))
         raise StopIteration
 
     monkeypatch.setattr(env.world, "step", step)

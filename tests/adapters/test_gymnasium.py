@@ -16,7 +16,7 @@ from jaxnav import Params, World, WorldConfig, maps
 
 COUNT = 4
 OFFICE = pathlib.Path(__file__).parents[2] / "examples" / "office.yaml"
-STAND = {"twist": np.tile(np.float32([-1.0, 0.0]), (COUNT, 1)), "code": np.zeros(COUNT, np.int64)}
+STAND = {"twist": np.tile(np.float32([-1.0, 0.0]), (COUNT, 1)), "request": np.zeros(COUNT, np.int64)}
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_gymnasium_makes_it_by_name(world):
     made = gymnasium.make_vec(spec, num_envs=3, vectorization_mode="vector_entry_point")
     assert made.num_envs == 3
     assert made.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    assert made.action_space.sample()["code"].shape == (3,)
+    assert made.action_space.sample()["request"].shape == (3,)
     with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
         made.unwrapped.step(made.action_space.sample())
 
@@ -85,7 +85,7 @@ def test_the_last_observation_of_an_ended_episode_is_kept(envs, follows, is_firs
 def test_only_the_ended_episodes_are_replaced(envs, follows, is_first):
     """Robots that drive ahead arrive, each in its own time, or run out of it."""
     observations, _ = envs.reset(seed=2)
-    ahead = {"twist": np.tile(np.float32([1.0, 0.0]), (COUNT, 1)), "code": np.zeros(COUNT, np.int64)}
+    ahead = {"twist": np.tile(np.float32([1.0, 0.0]), (COUNT, 1)), "request": np.zeros(COUNT, np.int64)}
     mixed = arrived = 0
     for _ in range(30):
         before = observations

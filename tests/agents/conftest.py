@@ -53,7 +53,7 @@ def random_observation(rng, shape=()):
     )
 
 
-def random_batch(rng, shape, codes=4, **given):
+def random_batch(rng, shape, requests=4, **given):
     """A `Batch` `[*shape, ...]` of nothing in particular; ``given`` fields instead of random ones."""
     observation = random_observation(rng, shape)
     ended = rng.random(shape) < 0.5
@@ -61,7 +61,7 @@ def random_batch(rng, shape, codes=4, **given):
         observation=observation,
         next_observation=random_observation(rng, shape),
         twist=np.float32(np.tanh(rng.normal(size=(*shape, 2)))),
-        code=np.where(observation.may_request, rng.integers(0, codes, shape), 0).astype(np.int32),
+        request=np.where(observation.may_request, rng.integers(0, requests, shape), 0).astype(np.int32),
         reward=np.float32(rng.normal(size=shape)),
         terminated=ended & (rng.random(shape) < 0.5),
         ended=ended,

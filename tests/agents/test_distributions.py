@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.distributions import code_log_probabilities, entropy, sample_twist, twist_log_density
+from jaxnav.agents.distributions import entropy, request_log_probabilities, sample_twist, twist_log_density
 
 
 @pytest.mark.parametrize(("mean", "log_std"), [((0.0, 0.0), (-1.0, -0.5)), ((0.8, -1.2), (-0.5, -1.5))])
@@ -31,16 +31,18 @@ def test_density_is_finite_far_out_on_the_tanh():
     assert np.isfinite(log_density).all() and (np.abs(twist) <= 1).all()
 
 
-def test_a_code_that_does_not_count_is_none_without_entropy_or_nan_gradient():
+def test_a_request_that_does_not_count_is_none_without_entropy_or_nan_gradient():
     logits = jnp.array([[0.1, 3.0, -1.0, 2.0], [0.1, 3.0, -1.0, 2.0]])
     counts = jnp.array([False, True])
-    log_p = code_log_probabilities(logits, counts)
+    log_p = request_log_probabilities(logits, counts)
     np.testing.assert_allclose(jnp.exp(log_p[0]), [1, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(log_p[1], jax.nn.log_softmax(logits[1]), rtol=1e-6)
     np.testing.assert_allclose(entropy(log_p)[0], 0.0, atol=1e-6)
-    gradient = jax.grad(lambda z: entropy(code_log_probabilities(z, counts)).sum())(logits)
+    gradient = jax.grad(lambda z: entropy(request_log_probabilities(z, counts)).sum())(logits)
     assert np.isfinite(gradient).all() and (gradient[0] == 0).all()
 
 
-def test_entropy_of_uniform_codes_is_log_four():
-    assert float(entropy(code_log_probabilities(jnp.zeros(4), jnp.bool_(True)))) == pytest.approx(np.log(4), rel=1e-6)
+def test_entropy_of_uniform_requests_is_log_four():
+    assert float(entropy(request_log_probabilities(jnp.zeros(4), jnp.bool_(True)))) == pytest.approx(
+        np.log(4), rel=1e-6
+    )

@@ -46,17 +46,17 @@ class Line:
             dialogue=ObservedDialogue(utterance=np.uint32(nobody), **dict.fromkeys(talk, nobody)),
         )
 
-    def step(self, twist, code):
+    def step(self, twist, request):
         """(reward, terminated, ended) of every point."""
-        done = (np.abs(self.x) < NEAR) & (code == self.word)
+        done = (np.abs(self.x) < NEAR) & (request == self.word)
         self.x = np.clip(self.x + REACH * np.asarray(twist)[:, 0], -2, 2)
         self.age += 1
-        reward = np.where(done, 2.0, np.where(code > 0, -0.3, 0.0)) - 0.1 - 0.3 * np.abs(self.x)
+        reward = np.where(done, 2.0, np.where(request > 0, -0.3, 0.0)) - 0.1 - 0.3 * np.abs(self.x)
         return np.float32(reward), done, done | (self.age == LONGEST)
 
 
 def returns(policy):
-    """Mean return of ``policy(line)`` -> (twist, code) over one episode of each of 500 points."""
+    """Mean return of ``policy(line)`` -> (twist, request) over one episode of each of 500 points."""
     line = Line(np.random.default_rng(7), 500)
     total, going = np.zeros(500), np.ones(500, bool)
     for _ in range(LONGEST):
@@ -82,7 +82,7 @@ def test_a_task_of_plain_numpy_is_learnt_in_an_ordinary_loop():
     def score():
         def policy(line):
             action = best(agent.policy(learner), line.observe())
-            return action.twist, np.asarray(action.code)
+            return action.twist, np.asarray(action.request)
 
         return returns(policy)
 
@@ -91,10 +91,10 @@ def test_a_task_of_plain_numpy_is_learnt_in_an_ordinary_loop():
         key_act, key_update = jax.random.split(key)
         before = line.observe()
         action = jax.device_get(act(key_act, learner, before, hyper))
-        reward, terminated, ended = line.step(action.twist, action.code)
+        reward, terminated, ended = line.step(action.twist, action.request)
         record.append(
             Batch(
-                observation=before, next_observation=line.observe(), twist=action.twist, code=action.code,
+                observation=before, next_observation=line.observe(), twist=action.twist, request=action.request,
                 reward=reward, terminated=terminated, ended=ended, steps=np.ones(POINTS, np.int32),
             )
         )  # fmt: skip

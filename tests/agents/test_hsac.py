@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.agents.distributions import code_log_probabilities
+from jaxnav.agents.distributions import request_log_probabilities
 from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters, soft_value
 
 SIZES = {"actor_widths": (16,), "critic_widths": (16, 16)}
@@ -27,23 +27,23 @@ def assert_close(a, b, **tolerance):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, **tolerance), a, b)
 
 
-def test_soft_value_is_the_sum_over_codes():
+def test_soft_value_is_the_sum_over_requests():
     rng = np.random.default_rng(0)
     q, logits = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
-    temperatures = {"twist": 0.2, "code": 0.7}
+    temperatures = {"twist": 0.2, "request": 0.7}
     counts = jnp.array([True, False])
-    log_p = code_log_probabilities(jnp.array(logits), counts)
+    log_p = request_log_probabilities(jnp.array(logits), counts)
     p = np.exp(logits[0]) / np.exp(logits[0]).sum()
 
     one_twist = np.array([[0.4], [-1.1]])
-    with_code = sum(p[k] * (q[0, k] - 0.7 * np.log(p[k]) - 0.2 * 0.4) for k in range(4)) - 0.7 * np.log(4)
+    with_request = sum(p[k] * (q[0, k] - 0.7 * np.log(p[k]) - 0.2 * 0.4) for k in range(4)) - 0.7 * np.log(4)
     value = soft_value(jnp.array(q), jnp.array(one_twist), log_p, counts, temperatures)
-    np.testing.assert_allclose(value, [with_code, q[1, 0] + 0.2 * 1.1], rtol=1e-5)
+    np.testing.assert_allclose(value, [with_request, q[1, 0] + 0.2 * 1.1], rtol=1e-5)
 
     own = rng.normal(size=(2, 4))
-    with_code = sum(p[k] * (q[0, k] - 0.7 * np.log(p[k]) - 0.2 * own[0, k]) for k in range(4)) - 0.7 * np.log(4)
+    with_request = sum(p[k] * (q[0, k] - 0.7 * np.log(p[k]) - 0.2 * own[0, k]) for k in range(4)) - 0.7 * np.log(4)
     value = soft_value(jnp.array(q), jnp.array(own), log_p, counts, temperatures)
-    np.testing.assert_allclose(value, [with_code, q[1, 0] - 0.2 * own[1, 0]], rtol=1e-5)
+    np.testing.assert_allclose(value, [with_request, q[1, 0] - 0.2 * own[1, 0]], rtol=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def targets(fresh):
         gradient, _ = jax.grad(agent._critic_loss, has_aux=True)(
             mute, jax.random.key(2), fresh, one, temperatures, hyper
         )
-        return jnp.stack([gradient["params"][f"Dense_{i}"]["bias"][transition.code] for i in range(2)])
+        return jnp.stack([gradient["params"][f"Dense_{i}"]["bias"][transition.request] for i in range(2)])
 
     def targets(batch, discount=0.9):
         first, second = -np.asarray(slopes(batch, jnp.full(batch.reward.shape, discount))).T
@@ -93,7 +93,7 @@ def updated(state, batch, hyper, updates=3):
     return state, metrics
 
 
-@pytest.mark.parametrize("name", ["twist", "code"])
+@pytest.mark.parametrize("name", ["twist", "request"])
 def test_temperature_rises_while_entropy_is_below_its_target(fresh, batch, name):
     entropy_field = f"target_entropy_{name}"
     high = updated(fresh, batch, HSACHyperparameters(**{entropy_field: 50.0}))[0].log_temperatures[name]
@@ -101,12 +101,12 @@ def test_temperature_rises_while_entropy_is_below_its_target(fresh, batch, name)
     assert float(high) > np.log(0.05) > float(low)
 
 
-def test_where_no_code_counts_its_temperature_rests(fresh, batch):
+def test_where_no_request_counts_its_temperature_rests(fresh, batch):
     nowhere = np.zeros(32, bool)
-    silent = batch.replace(observation=batch.observation.replace(may_request=nowhere), code=np.zeros(32, np.int32))
+    silent = batch.replace(observation=batch.observation.replace(may_request=nowhere), request=np.zeros(32, np.int32))
     state, metrics = updated(fresh, silent, HSACHyperparameters())
-    assert float(state.log_temperatures["code"]) == pytest.approx(np.log(0.05))
-    assert float(metrics["code_entropy"]) == 0.0
+    assert float(state.log_temperatures["request"]) == pytest.approx(np.log(0.05))
+    assert float(metrics["request_entropy"]) == 0.0
 
 
 def test_update_changes_everything_targets_by_tau_and_averages_by_their_share(fresh, batch):
@@ -118,7 +118,10 @@ def test_update_changes_everything_targets_by_tau_and_averages_by_their_share(fr
     assert_close(after.averaged, jax.tree.map(lambda a, b: a + 0.125 * (b - a), fresh.actor, after.actor), atol=1e-7)
     assert AGENT.policy(after) is after.averaged
     for name in ("actor", "critic"):
-        moved = [bool((a != b).any()) for a, b in zip(*map(jax.tree.leaves, (fresh[name], after[name])), strict=True)]
+        moved = [
+            bool((a != b).any())
+            for a, b in zip(*map(jax.tree.leaves, (getattr(fresh, name), getattr(after, name))), strict=True)
+        ]
         assert all(moved)
 
 
@@ -128,7 +131,7 @@ def test_learning_rates_scale_the_step(fresh, batch):
     def step(lr_scale=1.0, **rates):
         after, _ = update(jax.random.key(0), fresh, batch, HSACHyperparameters(**rates), lr_scale)
         names = ("actor", "critic", "log_temperatures")
-        return {name: jax.tree.map(lambda a, b: a - b, after[name], fresh[name]) for name in names}
+        return {name: jax.tree.map(lambda a, b: a - b, getattr(after, name), getattr(fresh, name)) for name in names}
 
     rates = {"actor": "actor_lr", "critic": "critic_lr", "log_temperatures": "temperature_lr"}
     slow, fast = dict.fromkeys(rates.values(), 1e-3), dict.fromkeys(rates.values(), 2e-3)
@@ -149,16 +152,16 @@ def test_the_reward_counts_by_its_scale(fresh, batch):
     assert_close(scaled.critic, same.critic, atol=1e-6)
 
 
-def test_act_and_best_action_keep_silent_where_codes_do_not_count(fresh, blank_observation):
+def test_act_and_best_action_keep_silent_where_requests_do_not_count(fresh, blank_observation):
     for may_request in (True, False):
         observation = blank_observation(may_request, (512,))
-        codes = np.asarray(act(jax.random.key(0), fresh, observation, HSACHyperparameters()).code)
-        assert (codes > 0).any() == may_request
+        requests = np.asarray(act(jax.random.key(0), fresh, observation, HSACHyperparameters()).request)
+        assert (requests > 0).any() == may_request
     loud = jax.tree.map(lambda leaf: leaf, fresh.actor)
-    loud["params"]["code_head"]["bias"] = jnp.array([0.0, 9.0, 0.0, 0.0])
+    loud["params"]["request_head"]["bias"] = jnp.array([0.0, 9.0, 0.0, 0.0])
     for may_request, voice in ((True, True), (True, False), (False, True), (False, False)):
-        code = best_action(loud, blank_observation(may_request), voice).code
-        assert int(code) == (may_request and voice)
+        request = best_action(loud, blank_observation(may_request), voice).request
+        assert int(request) == (may_request and voice)
 
 
 def test_policy_does_not_depend_on_how_many_pedestrians_are_seen(fresh, random_observation):
@@ -182,7 +185,7 @@ def test_policy_does_not_depend_on_how_many_pedestrians_are_seen(fresh, random_o
     [
         ("encoder", "cnn"),
         ("language", "latin"),
-        ("codes", 3),
+        ("requests", 3),
         ("heads", "two"),
         ("batch", 0),
         ("updates_per_step", -1),

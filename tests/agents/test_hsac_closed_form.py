@@ -11,7 +11,7 @@ from jaxnav.agents.distributions import twist_log_density
 from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters, soft_value
 from jaxnav.agents.learner import Batch
 
-ALPHA = {"twist": 0.1, "code": 0.2}
+ALPHA = {"twist": 0.1, "request": 0.2}
 HYPER = HSACHyperparameters(
     actor_lr=3e-3, critic_lr=3e-3, temperature_lr=0.0, discount=0.8, tau=0.05, average=0.05, reward_scale=1.0
 )
@@ -21,7 +21,7 @@ ROWS, UPDATES, BATCH = 20_000, 2500, 128
 class Learning:
     """An agent, and its training on transitions between two states that differ in the speed the robot has.
 
-    In state 1 no code counts. Transitions are a dict of `[ROWS]` state, twist `[2]`, code, reward, after, terminated.
+    In state 1 no request counts. Transitions are a dict of `[ROWS]` state, twist `[2]`, request, reward, after, terminated.
     """
 
     def __init__(self, heads, blank_observation):
@@ -43,9 +43,9 @@ class Learning:
         """The same transitions as a `Batch`."""
         return Batch(
             observation=self.at(transitions["state"]), next_observation=self.at(transitions["after"]),
-            twist=transitions["twist"], code=transitions["code"], reward=transitions["reward"],
+            twist=transitions["twist"], request=transitions["request"], reward=transitions["reward"],
             terminated=transitions["terminated"], ended=transitions["terminated"],
-            steps=jnp.ones_like(transitions["code"]),
+            steps=jnp.ones_like(transitions["request"]),
         )  # fmt: skip
 
     def _train(self, transitions):
@@ -62,7 +62,7 @@ class Learning:
     def policy(self, learner, observation):
         """Mean, log_std and logits of what is evaluated."""
         silence = jnp.zeros((*observation.seen.shape, 3))
-        return self.agent.actor.apply(self.agent.policy(learner), observation, silence)
+        return self.agent.actor_network.apply(self.agent.policy(learner), observation, silence)
 
 
 @pytest.fixture(scope="module", params=HEADS)
@@ -71,32 +71,32 @@ def learning(request, blank_observation):
 
 
 def transitions(rng, states, mean, log_std, gains, after=None):
-    """Any twist and code in any of the states: the reward is alpha log p(twist) + gain[state, code].
+    """Any twist and request in any of the states: the reward is alpha log p(twist) + gain[state, request].
 
-    mean, log_std: of p, for each state and code `[states, codes, 2]`; after: the next state of each, or the end.
+    mean, log_std: of p, for each state and request `[states, requests, 2]`; after: the next state of each, or the end.
     """
     state = rng.integers(0, states, ROWS)
-    code = np.where(state == 0, rng.integers(0, 4, ROWS), 0)
+    request = np.where(state == 0, rng.integers(0, 4, ROWS), 0)
     twist = np.tanh(rng.normal(size=(ROWS, 2)))
-    wanted = twist_log_density(jnp.asarray(twist), mean[state, code], log_std[state, code])
+    wanted = twist_log_density(jnp.asarray(twist), mean[state, request], log_std[state, request])
     return {
-        "state": state, "twist": np.float32(twist), "code": code,
-        "reward": ALPHA["twist"] * wanted + np.float32(gains[state, code]),
-        "after": state if after is None else after[state, code], "terminated": np.full(ROWS, after is None),
+        "state": state, "twist": np.float32(twist), "request": request,
+        "reward": ALPHA["twist"] * wanted + np.float32(gains[state, request]),
+        "after": state if after is None else after[state, request], "terminated": np.full(ROWS, after is None),
     }  # fmt: skip
 
 
 def test_a_bandit_is_learnt_up_to_its_closed_form(learning):
-    """One step, Q(a, d) = alpha log p_d(a) + g(d), is best under pi_d = p_d and softmax(g / alpha of the code)."""
+    """One step, Q(a, d) = alpha log p_d(a) + g(d), is best under pi_d = p_d and softmax(g / alpha of the request)."""
     mean = np.array([[0.5, -0.3], [-0.6, 0.2], [0.1, 0.7], [-0.2, -0.5]])
     log_std = np.array([[-0.8, -0.4], [-1.0, -0.6], [-0.5, -1.0], [-0.7, -0.9]])
     if learning.agent.config.heads == "shared":
         mean, log_std = mean[:1], log_std[:1]
     gains = np.array([[0.0, 0.3, -0.2, 0.1]])
-    every_code = (np.broadcast_to(table, (1, 4, 2)) for table in (mean, log_std))
-    learner = learning.train(transitions(np.random.default_rng(0), 1, *every_code, gains))
+    every_request = (np.broadcast_to(table, (1, 4, 2)) for table in (mean, log_std))
+    learner = learning.train(transitions(np.random.default_rng(0), 1, *every_request, gains))
     learnt_mean, learnt_log_std, logits = learning.policy(learner, learning.at(jnp.int32(0)))
-    p = scipy.special.softmax(gains[0] / ALPHA["code"])
+    p = scipy.special.softmax(gains[0] / ALPHA["request"])
     np.testing.assert_allclose(jnp.atleast_2d(learnt_mean), mean, atol=0.1)
     np.testing.assert_allclose(jnp.exp(jnp.atleast_2d(learnt_log_std)), np.exp(log_std), rtol=0.2)
     np.testing.assert_allclose(jax.nn.softmax(logits), p, atol=0.05)
@@ -112,8 +112,8 @@ def test_two_states_have_their_exact_soft_values(learning):
 
     def improved(value):
         q = gains + HYPER.discount * value[after]
-        of_codes = ALPHA["code"] * (scipy.special.logsumexp(q[0] / ALPHA["code"]) - np.log(4))
-        return np.array([of_codes, q[1, 0]])
+        of_requests = ALPHA["request"] * (scipy.special.logsumexp(q[0] / ALPHA["request"]) - np.log(4))
+        return np.array([of_requests, q[1, 0]])
 
     exact = scipy.optimize.fixed_point(improved, np.zeros(2), method="iteration", maxiter=1000)
     learner = learning.train(transitions(np.random.default_rng(0), 2, mean, log_std, gains, after))

@@ -1,4 +1,4 @@
-"""What each code has of its own: its twist, and what is learnt of it. No gradient leaks from one code to another."""
+"""What each request has of its own: its twist, and what is learnt of it. No gradient leaks from one request to another."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters
 
 SIZES = {"language": "codes", "actor_widths": (16,), "critic_widths": (16,)}
 HYPER = HSACHyperparameters()
-CODES = 4
+CHOICES = 4
 
 
 @pytest.fixture(scope="module", params=HEADS)
@@ -24,7 +24,7 @@ def learner(agent, blank_observation):
 
 @pytest.fixture(scope="module")
 def temperatures():
-    return {"twist": jnp.float32(0.3), "code": jnp.float32(0.2)}
+    return {"twist": jnp.float32(0.3), "request": jnp.float32(0.2)}
 
 
 @pytest.fixture(scope="module")
@@ -41,80 +41,80 @@ def biased(actor, **biases):
     return {"params": params}
 
 
-def of_codes(head):
-    """Largest slope of each code `[CODES]` in the gradient of a head."""
+def of_requests(head):
+    """Largest slope of each request `[CHOICES]` in the gradient of a head."""
     slopes = np.concatenate([head["kernel"], head["bias"][None]])
-    return np.abs(slopes.reshape(len(slopes), CODES, -1)).max(axis=(0, 2))
+    return np.abs(slopes.reshape(len(slopes), CHOICES, -1)).max(axis=(0, 2))
 
 
-def test_critics_learn_of_the_code_that_was_spoken_alone(agent, learner, batch, temperatures):
+def test_critics_learn_of_the_request_that_was_spoken_alone(agent, learner, batch, temperatures):
     slope = jax.jit(jax.grad(agent._critic_loss, has_aux=True))
-    for code in range(CODES):
-        spoken = batch.replace(code=np.full(16, code, np.int32))
+    for request in range(CHOICES):
+        spoken = batch.replace(request=np.full(16, request, np.int32))
         gradient, _ = slope(learner.critic, jax.random.key(1), learner, spoken, temperatures, HYPER)
         for head in ("Dense_0", "Dense_1"):
-            np.testing.assert_array_equal(of_codes(gradient["params"][head]) > 0, np.arange(CODES) == code)
+            np.testing.assert_array_equal(of_requests(gradient["params"][head]) > 0, np.arange(CHOICES) == request)
 
 
-def test_a_twist_is_learnt_of_its_own_code_alone(blank_observation, batch, temperatures):
-    """All probability on one code, or on none where no code counts: the other codes' twists aren't judged at all."""
-    agent = HSAC(HSACConfig(heads="per-code", **SIZES))
+def test_a_twist_is_learnt_of_its_own_request_alone(blank_observation, batch, temperatures):
+    """All probability on one request, or on none where no request counts: the other requests' twists aren't judged at all."""
+    agent = HSAC(HSACConfig(heads="per-request", **SIZES))
     learner = jax.jit(agent.init)(jax.random.key(0), blank_observation(), HYPER)
     slope = jax.jit(jax.grad(agent._actor_loss, has_aux=True))
     for may_request in (True, False):
         asked = batch.replace(observation=batch.observation.replace(may_request=np.full(16, may_request)))
-        for code in range(CODES):
-            certain = biased(learner.actor, code_head=jnp.where(jnp.arange(CODES) == code, 60.0, 0.0))
+        for request in range(CHOICES):
+            certain = biased(learner.actor, request_head=jnp.where(jnp.arange(CHOICES) == request, 60.0, 0.0))
             gradient, _ = slope(certain, jax.random.key(1), learner.critic, asked, temperatures, HYPER)
-            alone = code if may_request else 0
+            alone = request if may_request else 0
             for head in ("mean_head", "log_std_head"):
-                slopes = of_codes(gradient["params"][head])
+                slopes = of_requests(gradient["params"][head])
                 assert slopes[alone] > 1e-4
                 assert np.delete(slopes, alone).max() < 1e-12
 
 
-def test_the_critics_are_asked_of_every_code_with_its_own_twist(agent, learner, batch):
-    """Q of a code is what they say of it with that twist for all, whatever the other codes' twists."""
-    twists = np.float32(np.random.default_rng(1).uniform(-1, 1, (16, CODES, 2)))
+def test_the_critics_are_asked_of_every_request_with_its_own_twist(agent, learner, batch):
+    """Q of a request is what they say of it with that twist for all, whatever the other requests' twists."""
+    twists = np.float32(np.random.default_rng(1).uniform(-1, 1, (16, CHOICES, 2)))
     judge = jax.jit(agent._q)
     q = judge(learner.critic, batch.observation, twists)
-    for code in range(CODES):
-        alone = judge(learner.critic, batch.observation, twists[:, code])
-        np.testing.assert_allclose(q[:, :, code], alone[:, :, code], atol=1e-6)
+    for request in range(CHOICES):
+        alone = judge(learner.critic, batch.observation, twists[:, request])
+        np.testing.assert_allclose(q[:, :, request], alone[:, :, request], atol=1e-6)
         assert np.abs(q - alone).max() > 1e-3
 
 
-def test_the_twist_is_that_of_the_code(agent, learner, blank_observation):
-    """In both actions, to learn from and best; one for all codes if they share a head."""
+def test_the_twist_is_that_of_the_request(agent, learner, blank_observation):
+    """In both actions, to learn from and best; one for all requests if they share a head."""
     mean = np.float32([[0.8, -0.5], [-0.3, 0.2], [0.1, 0.9], [-1.0, -0.2]])
     if agent.config.heads == "shared":
         mean = mean[:1]
-    expected = np.tanh(np.broadcast_to(mean, (CODES, 2)))
-    steady = biased(learner.actor, mean_head=mean, log_std_head=-9.0, code_head=np.zeros(CODES))
+    expected = np.tanh(np.broadcast_to(mean, (CHOICES, 2)))
+    steady = biased(learner.actor, mean_head=mean, log_std_head=-9.0, request_head=np.zeros(CHOICES))
     action = jax.jit(agent.act)(
         jax.random.key(0), learner.replace(actor=steady), blank_observation(True, (256,)), HYPER
     )
-    assert set(np.unique(action.code)) == set(range(CODES))
-    np.testing.assert_allclose(action.twist, expected[action.code], atol=0.03)
+    assert set(np.unique(action.request)) == set(range(CHOICES))
+    np.testing.assert_allclose(action.twist, expected[action.request], atol=0.03)
 
     best = jax.jit(agent.best_action)
-    for code in range(CODES):
-        loud = biased(steady, code_head=np.arange(CODES) == code)
+    for request in range(CHOICES):
+        loud = biased(steady, request_head=np.arange(CHOICES) == request)
         for may_request, voice in ((True, True), (True, False), (False, True)):
-            spoken = code if may_request and voice else 0
+            spoken = request if may_request and voice else 0
             action = best(loud, blank_observation(may_request), voice)
-            assert action.code == spoken
+            assert action.request == spoken
             np.testing.assert_allclose(action.twist, expected[spoken], atol=1e-6)
 
 
-def test_who_knows_two_codes_asks_to_stop_at_most(blank_observation, random_batch):
-    agent = HSAC(HSACConfig(codes=2, **SIZES))
+def test_who_knows_two_requests_asks_to_stop_at_most(blank_observation, random_batch):
+    agent = HSAC(HSACConfig(requests=2, **SIZES))
     learner = jax.jit(agent.init)(jax.random.key(0), blank_observation(), HYPER)
     action = jax.jit(agent.act)(jax.random.key(0), learner, blank_observation(True, (256,)), HYPER)
-    assert set(np.unique(action.code)) == {0, 1}
-    # Uniform codes have all the entropy there is, and a target of 0.9 of it is met.
-    even = learner.replace(actor=biased(learner.actor, code_head=np.zeros(2)))
-    batch = random_batch(np.random.default_rng(0), (16,), codes=2)
-    after, metrics = jax.jit(agent.update)(jax.random.key(0), even, batch, HYPER.replace(target_entropy_code=0.9))
-    assert float(metrics["code_entropy"]) == pytest.approx(np.log(2))
-    assert float(after.log_temperatures["code"]) < np.log(0.05)
+    assert set(np.unique(action.request)) == {0, 1}
+    # Uniform requests have all the entropy there is, and a target of 0.9 of it is met.
+    even = learner.replace(actor=biased(learner.actor, request_head=np.zeros(2)))
+    batch = random_batch(np.random.default_rng(0), (16,), requests=2)
+    after, metrics = jax.jit(agent.update)(jax.random.key(0), even, batch, HYPER.replace(target_entropy_request=0.9))
+    assert float(metrics["request_entropy"]) == pytest.approx(np.log(2))
+    assert float(after.log_temperatures["request"]) < np.log(0.05)

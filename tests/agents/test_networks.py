@@ -41,14 +41,14 @@ def test_who_names_no_side_asks_for_none(agent, actor):
 
 def test_silence_is_zero_whatever_the_parameters(agent, actor):
     silence = jnp.zeros((2, TABLE.vectors().shape[1]))
-    heard = agent.actor.apply(actor, silence, method="listen")
+    heard = agent.actor_network.apply(actor, silence, method="listen")
     np.testing.assert_array_equal(heard, 0.0)
     message, reply = agent.understand(actor, silence)
     np.testing.assert_array_equal(np.exp(message), [[1, 0, 0, 0]] * 2)
     np.testing.assert_array_equal(np.exp(reply), [[1, 0, 0]] * 2)
 
 
-def test_codes_are_the_messages():
+def test_requests_are_the_messages():
     class Dialogue:
         message = jnp.array([0, 1, 2, 3])
 
@@ -75,15 +75,15 @@ def test_the_auxiliary_loss_teaches_what_phrases_mean(agent, actor):
         assert understood > least and answered > least, (split, understood, answered)
 
 
-@pytest.mark.parametrize("per_code", [False, True])
-def test_parts_of_an_actor_are_the_whole_and_those_not_called_have_no_parameters(random_observation, per_code):
+@pytest.mark.parametrize("per_request", [False, True])
+def test_parts_of_an_actor_are_the_whole_and_those_not_called_have_no_parameters(random_observation, per_request):
     seen = random_observation(np.random.default_rng(0), (5,))
     heard = message_codes(seen.dialogue)
-    plain, squashed = (Actor("lidar", (8,), per_code=per_code, mean_tanh=squash) for squash in (False, True))
+    plain, squashed = (Actor("lidar", (8,), per_request=per_request, mean_tanh=squash) for squash in (False, True))
     heads = {
         "steer": {"mean_head"},
         "gaussian": {"mean_head", "log_std_head"},
-        "act": {"mean_head", "log_std_head", "code_head"},
+        "act": {"mean_head", "log_std_head", "request_head"},
     }
 
     @jax.jit
@@ -97,7 +97,7 @@ def test_parts_of_an_actor_are_the_whole_and_those_not_called_have_no_parameters
     for name, called in heads.items():
         assert set(own[name]["params"]) == called | {"state_encoder", "body"}
     mean, log_std, logits = parts["act"]
-    assert mean.shape == log_std.shape == ((5, 4, 2) if per_code else (5, 2)) and logits.shape == (5, 4)
+    assert mean.shape == log_std.shape == ((5, 4, 2) if per_request else (5, 2)) and logits.shape == (5, 4)
     low, high = LOG_STD_RANGE
     assert (log_std >= low).all() and (log_std <= high).all()
     np.testing.assert_allclose(parts["steer"], mean, atol=1e-6)

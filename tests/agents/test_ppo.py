@@ -53,25 +53,25 @@ GOES_ON, TIMES_OUT, ARRIVES = range(3)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def advantages(scale, traits, rewards, values, next_values):
-    nothing = dict.fromkeys(("observation", "next_observation", "twist", "code"), jnp.zeros(0))
+def advantages(scale, endings, rewards, values, next_values):
+    nothing = dict.fromkeys(("observation", "next_observation", "twist", "request"), jnp.zeros(0))
     batch = Batch(
         reward=rewards / scale,
-        terminated=traits == ARRIVES,
-        ended=traits != GOES_ON,
-        steps=jnp.ones(traits.shape),
+        terminated=endings == ARRIVES,
+        ended=endings != GOES_ON,
+        steps=jnp.ones(endings.shape),
         **nothing,
     )
     return gae(batch, values, next_values, HYPER.replace(reward_scale=scale))
 
 
-def plain_advantage(traits, rewards, values, next_values, first):
+def plain_advantage(endings, rewards, values, next_values, first):
     """Of one episode's step ``first``: the sum of discounted errors until it ends, or the record does."""
     total, share = 0.0, 1.0
-    for t in range(first, len(traits)):
-        after = 0.0 if traits[t] == ARRIVES else 0.9 * next_values[t]
+    for t in range(first, len(endings)):
+        after = 0.0 if endings[t] == ARRIVES else 0.9 * next_values[t]
         total += share * (rewards[t] + after - values[t])
-        if traits[t] != GOES_ON:
+        if endings[t] != GOES_ON:
             break
         share *= 0.9 * 0.8
     return total
@@ -79,27 +79,27 @@ def plain_advantage(traits, rewards, values, next_values, first):
 
 @settings(max_examples=60)
 @given(
-    traits=st.lists(st.sampled_from([GOES_ON, GOES_ON, TIMES_OUT, ARRIVES]), min_size=15, max_size=15),
+    endings=st.lists(st.sampled_from([GOES_ON, GOES_ON, TIMES_OUT, ARRIVES]), min_size=15, max_size=15),
     seed=st.integers(0, 2**31 - 1),
 )
-def test_advantages_are_those_of_plain_python(traits, seed):
-    traits = np.array(traits).reshape(5, 3)
+def test_advantages_are_those_of_plain_python(endings, seed):
+    endings = np.array(endings).reshape(5, 3)
     rewards, values, next_values = np.random.default_rng(seed).normal(size=(3, 5, 3)).astype(np.float32)
     expected = [
-        [plain_advantage(*(table[:, i] for table in (traits, rewards, values, next_values)), t) for i in range(3)]
+        [plain_advantage(*(table[:, i] for table in (endings, rewards, values, next_values)), t) for i in range(3)]
         for t in range(5)
     ]
-    np.testing.assert_allclose(advantages(0.5, traits, rewards, values, next_values), expected, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(advantages(0.5, endings, rewards, values, next_values), expected, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize(("traits", "matters"), [(GOES_ON, True), (TIMES_OUT, True), (ARRIVES, False)])
+@pytest.mark.parametrize(("endings", "matters"), [(GOES_ON, True), (TIMES_OUT, True), (ARRIVES, False)])
 def test_a_time_out_learns_from_where_it_ended_and_an_arrival_does_not(
-    learner, batch, random_observation, traits, matters
+    learner, batch, random_observation, endings, matters
 ):
     """Another next observation at one step of one episode changes what is learnt, or nothing at all."""
     step, episode = 1, 2
     terminated, ended = batch.terminated.copy(), batch.ended.copy()
-    terminated[step, episode], ended[step, episode] = traits == ARRIVES, traits != GOES_ON
+    terminated[step, episode], ended[step, episode] = endings == ARRIVES, endings != GOES_ON
     one = batch.replace(terminated=terminated, ended=ended)
     other = jax.tree.map(np.array, one.next_observation)
     jax.tree.map(
@@ -174,7 +174,7 @@ def test_they_start_as_wide_as_they_are_told_and_are_silent(learner, random_obse
     np.testing.assert_allclose((tried.twist - best.twist)[inside].std(), HYPER.initial_std, rtol=0.2)
     assert np.abs(tried.twist).max() > 1 >= np.abs(best.twist).max()
     for action in (best, tried):
-        assert action.code.shape == (4000,) and action.code.dtype == jnp.int32 and not action.code.any()
+        assert action.request.shape == (4000,) and action.request.dtype == jnp.int32 and not action.request.any()
     assert learner.agent.vocabulary("train") is None
 
 
@@ -206,7 +206,7 @@ def test_a_bandit_is_learnt(learner, blank_observation):
         def step(state, key):
             twist = learner.agent.act(key, state, observation, HYPER).twist
             batch = Batch(
-                observation=observation, next_observation=observation, twist=twist, code=jnp.zeros(shape, jnp.int32),
+                observation=observation, next_observation=observation, twist=twist, request=jnp.zeros(shape, jnp.int32),
                 reward=reward(twist), terminated=ones, ended=ones, steps=jnp.ones(shape, jnp.int32),
             )  # fmt: skip
             return learner.agent.update(key, state, batch, HYPER)[0], jnp.mean(batch.reward)

@@ -76,7 +76,7 @@ LONG = Replay(
     rows=ROWS,
     template=Transition(
         snapshot=jax.ShapeDtypeStruct((), jnp.int32), next_snapshot=jax.ShapeDtypeStruct((2,), jnp.int32),
-        twist=jax.ShapeDtypeStruct((2,), jnp.float32), code=jax.ShapeDtypeStruct((), jnp.uint8),
+        twist=jax.ShapeDtypeStruct((2,), jnp.float32), request=jax.ShapeDtypeStruct((), jnp.uint8),
         reward=jax.ShapeDtypeStruct((), jnp.float32), terminated=jax.ShapeDtypeStruct((), bool),
         ended=jax.ShapeDtypeStruct((), bool),
     ),
@@ -120,7 +120,7 @@ def test_several_steps_are_those_of_plain_python(seed, ends, steps, n):
     ids = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
     ended = rng.random(shape) < ends
     history = Transition(
-        snapshot=ids, next_snapshot=np.stack([ids + 1000, ids + 2000], axis=-1), code=np.uint8(ids),
+        snapshot=ids, next_snapshot=np.stack([ids + 1000, ids + 2000], axis=-1), request=np.uint8(ids),
         twist=np.float32(rng.normal(size=(*shape, 2))), reward=np.float32(rng.normal(size=shape)),
         terminated=ended & (rng.random(shape) < 0.5), ended=ended,
     )  # fmt: skip
@@ -134,5 +134,5 @@ def test_several_steps_are_those_of_plain_python(seed, ends, steps, n):
         np.testing.assert_allclose(sample.reward[i], reward, rtol=1e-5, atol=1e-6)
         for name in ("next_snapshot", "terminated", "ended"):
             np.testing.assert_array_equal(sample[name][i], history[name][last, episode])
-        for name in ("snapshot", "twist", "code"):
+        for name in ("snapshot", "twist", "request"):
             np.testing.assert_array_equal(sample[name][i], history[name][step, episode])

@@ -39,7 +39,7 @@ def test_a_bandit_is_learnt_up_to_its_best_twist(blank_observation):
             key, index = key_and_index
             twist = jax.random.uniform(key, (rows, 2), minval=-1.0)
             batch = Batch(
-                observation=observation, next_observation=observation, twist=twist, code=jnp.zeros(rows, jnp.int32),
+                observation=observation, next_observation=observation, twist=twist, request=jnp.zeros(rows, jnp.int32),
                 reward=-jnp.sum((twist - best) ** 2, axis=-1), terminated=jnp.ones(rows, bool),
                 ended=jnp.ones(rows, bool), steps=jnp.ones(rows, jnp.int32),
             )  # fmt: skip
@@ -60,12 +60,14 @@ def test_the_actor_and_all_targets_move_at_every_third_update_only(fresh, batch)
         assert not same(before.critic, after.critic)
         moves = step % 3 == 0
         for name in ("actor", "target_actor", "target_critic"):
-            assert same(before[name], after[name]) != moves
+            assert same(getattr(before, name), getattr(after, name)) != moves
         loss = loss_of(before.actor, after.critic, batch) if moves else 0.0
         assert float(metrics["actor_loss"]) == pytest.approx(3 * float(loss))  # so that the mean is one of real losses
         if moves:
             for name in ("actor", "critic"):
-                expected = jax.tree.map(lambda a, b: a + 0.25 * (b - a), before[f"target_{name}"], after[name])
+                expected = jax.tree.map(
+                    lambda a, b: a + 0.25 * (b - a), getattr(before, f"target_{name}"), getattr(after, name)
+                )
                 jax.tree.map(
                     lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), after[f"target_{name}"], expected
                 )
@@ -108,7 +110,7 @@ def test_it_explores_around_its_twist_within_the_range_and_is_silent(fresh, rand
     wild = act(jax.random.key(0), fresh, observation, TD3Hyperparameters(exploration_noise=5.0))
     assert np.abs(wild.twist).max() == 1.0
     for each in (best, action, wild):
-        assert each.code.shape == (2000,) and each.code.dtype == jnp.int32 and not each.code.any()
+        assert each.request.shape == (2000,) and each.request.dtype == jnp.int32 and not each.request.any()
     assert AGENT.vocabulary("train") is None
 
 

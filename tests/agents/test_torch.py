@@ -52,12 +52,12 @@ def assert_moved(before, after, *names):
 
 HSAC_HYPER = HSACHyperparameters(
     actor_lr=0.3, critic_lr=0.5, temperature_lr=0.2, discount=0.9, tau=0.3, average=0.2, reward_scale=1.5,
-    target_entropy_twist=-1.0, target_entropy_code=0.5,
+    target_entropy_twist=-1.0, target_entropy_request=0.5,
 )  # fmt: skip
 
 
 def judged(p, critic, seen, noise, alpha, config):
-    """(soft value of each observation, mean entropy of the twist, mean entropy of the codes where they count)."""
+    """(soft value of each observation, mean entropy of the twist, mean entropy of the requests where they count)."""
     x = trunk(p, seen)
     mean, std = gaussian(p, x)
     if config.mean_tanh:
@@ -66,17 +66,17 @@ def judged(p, critic, seen, noise, alpha, config):
     raw = mean + std * noise
     twist = torch.tanh(raw)
     log_density = (torch.distributions.Normal(mean, std).log_prob(raw) - torch.log(1 - twist**2)).sum(-1)
-    log_p = F.log_softmax(dense(p["code_head"], x), dim=-1)
+    log_p = F.log_softmax(dense(p["request_head"], x), dim=-1)
     value, entropy_twist, counts = 0.0, 0.0, seen.may_request.bool()
-    for code in range(config.codes):
-        own = code if config.heads == "per-code" else 0
-        q = both_critics(critic, seen, twist[:, own])[:, :, code].amin(0)
-        p_code = torch.where(counts, log_p[:, code].exp(), float(code == 0))
-        surprise = torch.where(counts, log_p[:, code] + math.log(config.codes), 0.0)
-        value = value + p_code * (q - alpha["twist"] * log_density[:, own] - alpha["code"] * surprise)
-        entropy_twist = entropy_twist - (p_code * log_density[:, own]).mean()
-    entropy_code = -(log_p.exp() * log_p).sum(-1)[counts].mean()
-    return value, entropy_twist, entropy_code
+    for request in range(config.requests):
+        own = request if config.heads == "per-request" else 0
+        q = both_critics(critic, seen, twist[:, own])[:, :, request].amin(0)
+        p_request = torch.where(counts, log_p[:, request].exp(), float(request == 0))
+        surprise = torch.where(counts, log_p[:, request] + math.log(config.requests), 0.0)
+        value = value + p_request * (q - alpha["twist"] * log_density[:, own] - alpha["request"] * surprise)
+        entropy_twist = entropy_twist - (p_request * log_density[:, own]).mean()
+    entropy_request = -(log_p.exp() * log_p).sum(-1)[counts].mean()
+    return value, entropy_twist, entropy_request
 
 
 def hsac_in_torch(learner, batch, noises, hyper, config):
@@ -94,36 +94,36 @@ def hsac_in_torch(learner, batch, noises, hyper, config):
     with torch.no_grad():
         after, _, _ = judged(actor, target_critic, batch.next_observation, noises[0], alpha, config)
         target = hyper.reward_scale * batch.reward + (1 - batch.terminated) * hyper.discount**batch.steps * after
-    spoken = one_hot(batch.code, config.codes)
+    spoken = one_hot(batch.request, config.requests)
     predicted = (both_critics(critic, batch.observation, batch.twist) * spoken).sum(-1)
     descend(optimisers[0], sum(F.huber_loss(each, target, delta=config.huber_delta) for each in predicted))
     follow(target_critic, critic, hyper.tau)
 
-    value, entropy_twist, entropy_code = judged(actor, critic, batch.observation, noises[1], alpha, config)
+    value, entropy_twist, entropy_request = judged(actor, critic, batch.observation, noises[1], alpha, config)
     descend(optimisers[1], -value.mean())
     follow(averaged, actor, hyper.average)
     missing = {
         "twist": entropy_twist - hyper.target_entropy_twist,
-        "code": entropy_code - hyper.target_entropy_code * math.log(config.codes),
+        "request": entropy_request - hyper.target_entropy_request * math.log(config.requests),
     }
     descend(optimisers[2], sum(log_alpha[name].exp() * missing[name].detach() for name in missing))
     networks = {"actor": actor, "averaged": averaged, "critic": critic, "target_critic": target_critic}
     return {name: {"params": tree} for name, tree in networks.items()} | {"log_temperatures": log_alpha}
 
 
-@pytest.mark.parametrize("options", [{"heads": "shared"}, {"heads": "per-code", "codes": 2, "mean_tanh": True}])
+@pytest.mark.parametrize("options", [{"heads": "shared"}, {"heads": "per-request", "codes": 2, "mean_tanh": True}])
 def test_hsac(options, blank_observation, random_batch):
     agent = HSAC(HSACConfig(language="codes", **SIZES, **options))
-    codes, size, rng = agent.config.codes, 12, np.random.default_rng(0)
-    batch = random_batch(rng, (size,), codes=codes, steps=np.arange(size) % 3 + 1)
+    requests, size, rng = agent.config.requests, 12, np.random.default_rng(0)
+    batch = random_batch(rng, (size,), requests=requests, steps=np.arange(size) % 3 + 1)
     before = random_learner(agent, blank_observation(), HSAC_HYPER, rng)
-    before = before.replace(log_temperatures={"twist": np.float32(-1.2), "code": np.float32(-1.6)})
+    before = before.replace(log_temperatures={"twist": np.float32(-1.2), "request": np.float32(-1.6)})
 
     @jax.jit
     def updated(key):
         """The learner after an update, and the noise of that."""
         key_critic, key_actor = jax.random.split(key)
-        shape = (size, codes, 2) if agent.config.heads == "per-code" else (size, 2)
+        shape = (size, requests, 2) if agent.config.heads == "per-request" else (size, 2)
         noises = [jax.random.normal(key, shape) for key in (key_critic, jax.random.split(key_actor)[0])]
         return agent.update(key, before, batch, HSAC_HYPER, LR_SCALE)[0], noises
 

@@ -56,24 +56,24 @@ def test_only_batch_statistics_do_without_target_critics(options, blank_observat
 
 def test_the_twins_are_judged_by_their_lesser_or_their_mean():
     q = jnp.array([[[1.0, 5.0]], [[3.0, 2.0]]])
-    assert HSAC(HSACConfig(language="codes", codes=2))._judge(q).tolist() == [[1.0, 2.0]]
-    assert HSAC(HSACConfig(language="codes", codes=2, twins="mean"))._judge(q).tolist() == [[2.0, 3.5]]
+    assert HSAC(HSACConfig(language="codes", requests=2))._judge(q).tolist() == [[1.0, 2.0]]
+    assert HSAC(HSACConfig(language="codes", requests=2, twins="mean"))._judge(q).tolist() == [[2.0, 3.5]]
 
 
 @pytest.mark.parametrize("critic", ["scalar", "histogram"])
-def test_every_code_is_judged_with_its_own_twist(critic, blank_observation, random_batch):
-    agent, state = learner(blank_observation, heads="per-code", critic=critic)
+def test_every_request_is_judged_with_its_own_twist(critic, blank_observation, random_batch):
+    agent, state = learner(blank_observation, heads="per-request", critic=critic)
     observation = random_batch(np.random.default_rng(0), (16,)).observation
     twist = jax.random.uniform(jax.random.key(3), (16, 4, 2), minval=-1.0)
     own = agent._q(state.critic, observation, twist)
-    for code in range(4):
-        alone = agent._q(state.critic, observation, twist[:, code])
-        np.testing.assert_allclose(own[:, :, code], alone[:, :, code], atol=1e-5)
+    for request in range(4):
+        alone = agent._q(state.critic, observation, twist[:, request])
+        np.testing.assert_allclose(own[:, :, request], alone[:, :, request], atol=1e-5)
     assert np.abs(own - agent._q(state.critic, observation, twist[:, ::-1])).max() > 1e-3
 
 
-def test_per_code_heads_learn_from_batch_statistics(blank_observation, random_batch):
-    agent, state = learner(blank_observation, heads="per-code", critic_norm="batch")
+def test_per_request_heads_learn_from_batch_statistics(blank_observation, random_batch):
+    agent, state = learner(blank_observation, heads="per-request", critic_norm="batch")
     batch = random_batch(np.random.default_rng(0), (16,))
     first = critic_loss(agent, state, batch)
     update = jax.jit(agent.update)
@@ -98,7 +98,7 @@ def test_a_delayed_actor_moves_with_every_second_update(blank_observation, rando
     for step, moves in enumerate((True, False, True)):
         new, metrics = update(jax.random.key(step), state, batch, HYPER, 1.0, step)
         for name, moved in (("actor", moves), ("averaged", moves), ("log_temperatures", moves), ("critic", True)):
-            pairs = zip(jax.tree.leaves(state[name]), jax.tree.leaves(new[name]), strict=True)
+            pairs = zip(jax.tree.leaves(getattr(state, name)), jax.tree.leaves(getattr(new, name)), strict=True)
             assert any((a != b).any() for a, b in pairs) == moved, (name, step)
         assert (metrics["actor_loss"] != 0) == moves
         assert np.isfinite(metrics["critic_loss"])

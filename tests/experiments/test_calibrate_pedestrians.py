@@ -107,7 +107,7 @@ def test_recorded_people_are_predicted_better_than_by_constant_velocity(tmp_path
         (["simulated", "--out", __file__], f"--out is {__file__}: File exists: choose a folder that can be written"),
     ],
 )
-def test_wrong_input_ends_in_one_line_and_exit_code_2(capsys, arguments, message):
+def test_wrong_input_ends_in_one_line_and_exit_request_2(capsys, arguments, message):
     with pytest.raises(SystemExit) as end:
         calibrate_pedestrians.main(arguments)
     assert end.value.code == 2

@@ -33,7 +33,7 @@ def test_it_does_everything_once(tmp_path, done, capsys):
     assert done == [*program.CONFIGURATIONS, *program.SUITES] and len(done) == 20
     table = (tmp_path / "exported.md").read_text()
     assert capsys.readouterr().out == table
-    assert "| grid, per-code, phrases | 2.0e-07 | 6.0e-07 | 0 | 5.0e-07 |" in table
+    assert "| grid, per-request, phrases | 2.0e-07 | 6.0e-07 | 0 | 5.0e-07 |" in table
     assert "| exported network: episodes that end alike | 203 of 204 | 203 of 204 |" in table
     assert "| safety layer, points of success | -0.10 (-0.30 to +0.10) |" in table
     assert "| commands that the layer slowed | 1.23 % | 1.23 % |" in table

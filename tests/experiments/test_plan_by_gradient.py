@@ -32,7 +32,7 @@ def test_gradient_ascent_finds_a_way_around_and_the_world_agrees():
         key_reset, key_steps = jax.random.split(key)
 
         def step(state, now):
-            return world.step(now[0], state, Action(twist=now[1], code=jnp.int32(0)), params)
+            return world.step(now[0], state, Action(twist=now[1], request=jnp.int32(0)), params)
 
         outcomes = jax.lax.scan(
             step, world.reset(key_reset, params, scene), (jax.random.split(key_steps, steps), twists)
@@ -111,7 +111,7 @@ def test_a_study_writes_its_files_and_goes_on_where_it_was(tmp_path, monkeypatch
         (["--seed", "-1"], "--seed is -1: give a whole number from 0 to 4294967295"),
     ],
 )
-def test_wrong_input_ends_in_one_line_and_exit_code_2(capsys, arguments, message):
+def test_wrong_input_ends_in_one_line_and_exit_request_2(capsys, arguments, message):
     with pytest.raises(SystemExit) as end:
         plan_by_gradient.main(arguments)
     assert end.value.code == 2

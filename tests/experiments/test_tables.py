@@ -333,7 +333,7 @@ def test_tuning_is_not_done_twice(tmp_path, monkeypatch, capsys):
     def fake(algo, options, console):
         tuned.append(algo)
         base = preset("quick", algo)
-        hyper = {name: base.hyper[name] for name in tune.SPACES[algo]}
+        hyper = {name: getattr(base.hyper, name) for name in tune.SPACES[algo]}
         trial = {"hyper": hyper, "success": {"narrow": 0.5}, "score": 0.5, "broken": None}
         return {
             "best": hyper, "trials": [trial] * options.trials, "device": "none", "git_commit": "abc",

@@ -136,7 +136,7 @@ def test_without_names_all_scenes_are_played(tmp_path, played):
         (["--seed", "4294967296"], "error: --seed is 4294967296: give"),
     ],
 )
-def test_bad_options_end_in_one_line_and_exit_code_2(tmp_path, played, capsys, options, message):
+def test_bad_options_end_in_one_line_and_exit_request_2(tmp_path, played, capsys, options, message):
     with pytest.raises(SystemExit) as exit_:
         program.main([*options, "--out", str(tmp_path / "new")])
     assert exit_.value.code == 2

@@ -19,12 +19,12 @@ from jaxnav.training.run import Run
 CONFIGURATIONS = {
     "lidar": ("hsac", {"encoder": "lidar"}, {}),
     "approach": (
-        "hsac", {"encoder": "lidar-approach", "heads": "per-code", "language": "codes", "mean_tanh": True},
+        "hsac", {"encoder": "lidar-approach", "heads": "per-request", "language": "codes", "mean_tanh": True},
         {"pedestrians": 3, "beams": 50},
     ),
-    "grid": ("hsac", {"encoder": "grid", "heads": "per-code"}, {"pedestrians": 2}),
+    "grid": ("hsac", {"encoder": "grid", "heads": "per-request"}, {"pedestrians": 2}),
     "frozen": (
-        "hsac", {"encoder": "grid-frozen", "language": "codes", "codes": 2},
+        "hsac", {"encoder": "grid-frozen", "language": "codes", "requests": 2},
         {"observation": ("scan", "pedestrians", "dialogue", "sensor_map", "pedestrian_map"), "pedestrians": 2},
     ),
     "td3": ("td3", {"encoder": "lidar"}, {"beams": 7}),

@@ -45,24 +45,24 @@ def test_it_proves_itself_alone(copy):
     """In a process that can't see this package, nor anything but the folder itself."""
     done = run(copy, "-c", ALONE + "runpy.run_path('policy.py', run_name='__main__')")
     assert done.returncode == 0, done.stderr
-    error = float(re.search(r"selftest passed, 128 recorded inputs: largest error (\S+), 0 codes", done.stdout)[1])
+    error = float(re.search(r"selftest passed, 128 recorded inputs: largest error (\S+), 0 requests", done.stdout)[1])
     assert 0 < error <= 1e-5
 
 
 def test_its_readme_can_be_followed(copy):
     readme = (copy / "README.md").read_text()
-    code = re.search(r"<!-- try -->\n```python\n(.*?)```", readme, re.DOTALL)[1]
-    done = run(copy, "-c", ALONE + code)
+    request = re.search(r"<!-- try -->\n```python\n(.*?)```", readme, re.DOTALL)[1]
+    done = run(copy, "-c", ALONE + request)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert len(lines) == 5 and all(re.match(r"0\.\d\d m/s [+-]0\.\d\d rad/s code [0-3] ", line) for line in lines)
+    assert len(lines) == 5 and all(re.match(r"0\.\d\d m/s [+-]0\.\d\d rad/s request [0-3] ", line) for line in lines)
     # What it says of words.
-    code = readme.split("## 4. Words")[1].split("```python\n")[1].split("```")[0]
-    code += """
+    request = readme.split("## 4. Words")[1].split("```python\n")[1].split("```")[0]
+    request += """
 print(vector.shape, book.look_up("it is not known"), book.look_up("im in a HURRY"))
 print((book.look_up("STOP robot") == book.look_up("Stop, robot!")).all())
 """
-    done = run(copy, "-c", ALONE + code)
+    done = run(copy, "-c", ALONE + request)
     assert done.stdout == "(185,) None None\nTrue\n", done.stderr
     # What it says of a node, on messages as rospy's.
     names = {}
@@ -127,7 +127,7 @@ def nan_recorded(folder):
 
 
 def pickled(folder):
-    """A file of weights whose loading would run code."""
+    """A file of weights whose loading would run request."""
     np.savez(folder / "weights.npz", a=np.array([os.system], object), allow_pickle=True)
     edit(folder, lambda c: c["files"].update({"weights.npz": hash_of(folder / "weights.npz")}))
 
@@ -225,9 +225,9 @@ def test_onnx_agrees_with_what_was_recorded(name, bundles, tmp_path):
         session = runtime.InferenceSession(str(folder / "policy.onnx"), providers=["CPUExecutionProvider"])
         with np.load(folder / "golden.npz") as golden:
             feed = {name: golden[name][3:4].astype(np.float32) for name in names}
-            v, w, code = session.run(["v", "w", "code"], feed)
+            v, w, request = session.run(["v", "w", "request"], feed)
             np.testing.assert_allclose([v[0], w[0]], [golden["out.v"][3], golden["out.w"][3]], atol=1e-5)
-            assert code[0] == golden["out.code"][3]
+            assert request[0] == golden["out.request"][3]
 
 
 def test_an_onnx_file_that_computes_something_else_is_not_written(copy):

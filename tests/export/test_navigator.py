@@ -55,8 +55,8 @@ def test_it_observes_what_the_world_does(name, bundles, robot):
     def act(observation):
         given.append(observation)
         waits = crowd and ((observation["request"] != 0) & (observation["reply"] == 0)).any()
-        code = rng.integers(1, 4) if observation["may_request"] and not waits and rng.random() < 0.5 else 0
-        return policy.Decision(rng.uniform(0.0, 0.6), rng.uniform(-0.5, 0.5), code, None, None, None)
+        request = rng.integers(1, 4) if observation["may_request"] and not waits and rng.random() < 0.5 else 0
+        return policy.Decision(rng.uniform(0.0, 0.6), rng.uniform(-0.5, 0.5), request, None, None, None)
 
     worlds.observe = observe
     drives, play = [], worlds.play
@@ -172,7 +172,7 @@ def test_words_have_answers(drive):
 
     def quiet(observation):
         seen.append(observation)
-        return act(observation)._replace(code=0)
+        return act(observation)._replace(request=0)
 
     def understood(*heard, answer=(1, 0, 0)):
         navigator.policy.understand = lambda words: (np.array(heard), np.array(answer))
@@ -194,9 +194,9 @@ def test_words_have_answers(drive):
     assert navigator.step(scan._replace(), somebody, pose, 2 * vector, now=1.2).utterance in sentences["repeat"]
     np.testing.assert_array_equal(seen[-1]["words"], held)
     navigator.reset((5.0, 0.0))
-    navigator.policy.act = lambda observation: act(observation)._replace(code=2 if observation["may_request"] else 0)
+    navigator.policy.act = lambda observation: act(observation)._replace(request=2 if observation["may_request"] else 0)
     asked = navigator.step(scan._replace(), somebody, pose, now=2.0)
-    assert asked.code == 2 and asked.utterance in sentences["request"]["margin-right"]
+    assert asked.request == 2 and asked.utterance in sentences["request"]["margin-right"]
     understood(0.0, 0.0, 0.0, answer=(0.3, 0.4, 0.3))
     assert navigator.step(scan._replace(), somebody, pose, vector, now=2.2).utterance == ""
     understood(0.0, 0.0, 0.0, answer=(0.1, 0.8, 0.1))
@@ -355,7 +355,7 @@ def test_it_stands_for_who_asks_it_to(drive):
 def test_what_nobody_understood_is_asked_again(drive):
     navigator, scan, _ = drive()
     act = navigator.policy.act
-    navigator.policy.act = lambda observation: act(observation)._replace(code=0)
+    navigator.policy.act = lambda observation: act(observation)._replace(request=0)
     said = navigator.step(scan, [[2.0, 0.0, -0.5, 0.0]], (0.0, 0.0, 0.0), "unknown", now=0.0)
     assert said.utterance in navigator.contract["sentences"]["repeat"] and said.v > 0
 
@@ -442,8 +442,8 @@ def test_nothing_makes_it_raise(drive):
         said = given, command, navigator.reason
         assert math.isfinite(command.v) and math.isfinite(command.w), said
         assert 0.0 <= command.v <= limits["max_v"] and abs(command.w) <= limits["max_w"], said
-        assert command.code in (0, 1, 2, 3) and isinstance(command.utterance, str), said
-        assert (command.v, command.w, command.code) == (0.0, 0.0, 0) or not (stale or navigator.arrived), said
+        assert command.request in (0, 1, 2, 3) and isinstance(command.utterance, str), said
+        assert (command.v, command.w, command.request) == (0.0, 0.0, 0) or not (stale or navigator.arrived), said
         assert "internal error" not in navigator.reason, said
         moved += command.v > 0
         talked += bool(command.utterance)

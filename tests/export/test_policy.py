@@ -25,16 +25,16 @@ def test_it_computes_what_the_policy_in_jax_does(name, bundles, robot):
     inputs, outputs = reference.sample(episodes, GOLDEN, seed=6)  # as many as were recorded: compiled already
     exact = policy.Policy(str(folder))
     found = exported.difference(policy, exact, inputs, outputs)
-    assert max(found["v"], found["w"]) <= 1e-5 and found["codes"] == 0, found
+    assert max(found["v"], found["w"]) <= 1e-5 and found["requests"] == 0, found
     # What is compared is no constant: decisions differ a thousand times as much from state to state.
     assert min(np.ptp(outputs["v"]), np.ptp(outputs["w"])) > 0.01
-    codes = exact.contract["network"]["codes"]
-    assert len(np.unique(outputs["code"])) > 1 or codes <= 2
+    requests = exact.contract["network"]["requests"]
+    assert len(np.unique(outputs["request"])) > 1 or requests <= 2
     one = exact.act({key: value[0] for key, value in inputs.items()})
     np.testing.assert_allclose([one.v, one.w], [outputs["v"][0], outputs["w"][0]], atol=1e-5)
     for key in ("heard", "answer", "log_p"):
         np.testing.assert_allclose(getattr(one, key), outputs[key][0], atol=1e-5)
-    assert one.code == outputs["code"][0]
+    assert one.request == outputs["request"][0]
     if exact.rasterise is not None:
         assert_maps_of_the_world(run, episodes, reference, exact.rasterise)
 
@@ -54,15 +54,15 @@ def assert_maps_of_the_world(run, episodes, reference, rasterise):
     assert (maps[:, 1] > 0).any() and len(np.unique(maps[:, 0])) == 4
 
 
-def test_a_code_is_only_spoken_with_a_voice(robot):
+def test_a_request_is_only_spoken_with_a_voice(robot):
     folder, policy, _, _ = robot("approach")
     exact = policy.Policy(str(folder))
     golden = policy.load_arrays(str(folder), exact.contract, "golden.npz")
-    spoke = np.flatnonzero(golden["out.code"])
+    spoke = np.flatnonzero(golden["out.request"])
     assert len(spoke)
     observation = {name: golden[name][spoke[0]] for name in exact.inputs}
-    assert exact.act(observation).code != 0
-    assert exact.act(dict(observation, voice=np.array(False))).code == 0
+    assert exact.act(observation).request != 0
+    assert exact.act(dict(observation, voice=np.array(False))).request == 0
 
 
 def test_what_travels_is_python_3_6():
@@ -117,4 +117,4 @@ def test_the_contract_describes_every_input_and_output(robot):
         low, high = entry["range"]
         assert recorded.min() >= low and recorded.max() <= high, entry["name"]
         assert entry["meaning"] and entry["unit"]
-    assert contract["codes"][1] == {"code": 1, "name": "stop"}
+    assert contract["requests"][1] == {"request": 1, "name": "stop"}

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxnav.language.interpreter import PolicyInterpreter, LanguageModelInterpreter
+from jaxnav.language.interpreter import LanguageModelInterpreter, PolicyInterpreter
 from jaxnav.world.types import LEFT, NONE, REFUSES, RIGHT, STOP
 
 
@@ -18,7 +18,9 @@ def ears(message=(0.01, 0.01, 0.97, 0.01), reply=(0.9, 0.05, 0.05)):
         return np.ones(4, np.float32)
 
     logs = np.log(np.array([message])), np.log(np.array([reply]))
-    made = PolicyInterpreter(embed, lambda words: logs if words.shape == (1, 4) else pytest.fail("one sentence at a time"))
+    made = PolicyInterpreter(
+        embed, lambda words: logs if words.shape == (1, 4) else pytest.fail("one sentence at a time")
+    )
     made.heard = heard
     return made
 

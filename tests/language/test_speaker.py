@@ -13,8 +13,8 @@ from jaxnav.world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
 
 CONTEXTS = [
     REPEAT,
-    *(Context(code, "robot", reply) for code in (STOP, RIGHT, LEFT) for reply in (NONE, AGREES, REFUSES)),
-    *(Context(code, "pedestrian") for code in (STOP, RIGHT, LEFT)),
+    *(Context(request, "robot", reply) for request in (STOP, RIGHT, LEFT) for reply in (NONE, AGREES, REFUSES)),
+    *(Context(request, "pedestrian") for request in (STOP, RIGHT, LEFT)),
 ]
 
 
@@ -26,13 +26,13 @@ def test_every_template_expresses_its_context(context):
         assert expresses(sentence, context) == sentence
 
 
-@pytest.mark.parametrize("code", [RIGHT, LEFT])
+@pytest.mark.parametrize("asked", [RIGHT, LEFT])
 @pytest.mark.parametrize("asked_by", ["robot", "pedestrian"])
-def test_no_sentence_of_another_context_passes_for_a_side(code, asked_by):
+def test_no_sentence_of_another_context_passes_for_a_side(asked, asked_by):
     """Neither of the other side, nor of the other's side, nor of stopping."""
-    context = Context(code, asked_by)
+    context = Context(asked, asked_by)
     for other in CONTEXTS:
-        if (other.code, other.asked_by, other.reply) == (code, asked_by, NONE):
+        if (other.request, other.asked_by, other.reply) == (asked, asked_by, NONE):
             continue
         for sentence in sentences(other):
             if "keep right, then" in sentence or "keep left, then" in sentence:
@@ -111,13 +111,13 @@ SIDED = st.lists(
 )
 
 
-@given(SIDED.map(" ".join), st.sampled_from([c for c in CONTEXTS if c.code in (RIGHT, LEFT) and c.reply == NONE]))
+@given(SIDED.map(" ".join), st.sampled_from([c for c in CONTEXTS if c.request in (RIGHT, LEFT) and c.reply == NONE]))
 def test_what_passes_names_the_side_and_no_other(text, context):
     try:
         sentence = expresses(text, context).lower()
     except ValueError:
         return
-    wanted, other = ("right", "left") if context.code == RIGHT else ("left", "right")
+    wanted, other = ("right", "left") if context.request == RIGHT else ("left", "right")
     assert re.search(rf"\b{wanted}\b", sentence) and not re.search(rf"\b{other}\b", sentence)
     assert "not" not in sentence.split()
 
@@ -160,7 +160,9 @@ def test_a_server_never_delays_the_loop_nor_says_a_wrong_side(stub, good_answer,
     url = server.url if behaviour is not None else "http://127.0.0.1:9/v1"
     speaker = LanguageModelSpeaker(LanguageModel(url, "m", "key", limit=0.3))
     control = Control(speaker)
-    contexts = [Context(code, who) for code, who in itertools.product((RIGHT, LEFT, STOP), ("robot", "pedestrian"))]
+    contexts = [
+        Context(request, who) for request, who in itertools.product((RIGHT, LEFT, STOP), ("robot", "pedestrian"))
+    ]
     control.run(contexts, steps=10)
     assert [context for context, _ in control.said] == contexts
     for context, sentence in control.said:

@@ -14,7 +14,7 @@ UTTERANCES = np.arange(1, 65537, 7, dtype=np.uint32)
 VECTORS = table.vectors()
 
 
-def vocabulary(split, message, **options):
+def spoken(split, message, **options):
     """The phrases that the utterances become."""
     words = vocabulary(split, **options)
     index, _ = jax.jit(lambda v, u: v.phrase(jnp.full(u.shape, message), u))(words, UTTERANCES)

@@ -28,7 +28,7 @@ def play(scene, pedestrians):
 
         def step(state, key_and_twist):
             key, twist = key_and_twist
-            state, outcome = world.step(key, state, Action(twist=twist, code=jnp.int32(1)), params)
+            state, outcome = world.step(key, state, Action(twist=twist, request=jnp.int32(1)), params)
             late = params.replace(scan_latency=2.0)
             return state, (state, outcome, world.observe(state, params).scan, world.observe(state, late).scan)
 

@@ -21,7 +21,7 @@ def talker(policy_params, state, world, params):
     fitting = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(state.robot, state.pedestrians)
     stops = jnp.any(encounters.is_open & (encounters.message == 1))
     forward = jnp.where(stops, -1.0, action.twist[0])
-    return Action(twist=action.twist.at[0].set(forward), code=fitting[jnp.argmin(encounters.distance)])
+    return Action(twist=action.twist.at[0].set(forward), request=fitting[jnp.argmin(encounters.distance)])
 
 
 @pytest.fixture(scope="session")
@@ -55,7 +55,7 @@ def crowd(episodes):
             return np.concatenate([leaf[:length] for leaf in leaves], axis=1)
 
         fields = {
-            name: jax.tree.map(gather, *(episode.states[name] for episode in group))
+            name: jax.tree.map(gather, *(getattr(episode.states, name) for episode in group))
             for name in ("pedestrians", "traits", "encounters")
         }
         shortest = next(episode for episode in group if len(episode.states.t) == length)

@@ -16,7 +16,7 @@ from jaxnav.render.palette import scene_colours
 from jaxnav.render.words import ending, in_short, utterances
 from jaxnav.world import SCENES
 
-TEMPERATURES = {"twist_temperature": "#0072b2", "code_temperature": "#d55e00"}
+TEMPERATURES = {"twist_temperature": "#0072b2", "request_temperature": "#d55e00"}
 
 
 def _texts(figure):
@@ -152,8 +152,8 @@ def _line(i, **changes):
     updates = 40 * max(0, i - 2)
     line = {
         "env_steps": 256 * i, "updates": updates, "wall_seconds": 20.0 + 1.5 * i,
-        "critic_loss": 4.0 * 0.9**i, "actor_loss": 0.5 - 0.1 * i, "twist_entropy": -0.1 * i, "code_entropy": 1.3,
-        "twist_temperature": 0.5 * 0.9**i, "code_temperature": 0.2 * 0.9**i,
+        "critic_loss": 4.0 * 0.9**i, "actor_loss": 0.5 - 0.1 * i, "twist_entropy": -0.1 * i, "request_entropy": 1.3,
+        "twist_temperature": 0.5 * 0.9**i, "request_temperature": 0.2 * 0.9**i,
         "success": {"square": min(1.0, 0.05 * i), "hallway": 0.5, "crosswalk": None if i < 5 else 0.25},
     }  # fmt: skip
     if i % 10 == 9:

@@ -12,7 +12,7 @@ from jaxnav.world.types import MESSAGES, REQUESTS
 def _with(episode, **fields):
     """The episode with the encounters' fields set to a value in every state."""
     encounters = episode.states.encounters
-    set_to = {name: np.full_like(encounters[name], value) for name, value in fields.items()}
+    set_to = {name: np.full_like(getattr(encounters, name), value) for name, value in fields.items()}
     return dataclasses.replace(episode, states=episode.states.replace(encounters=encounters.replace(**set_to)))
 
 
@@ -22,7 +22,7 @@ _SILENT = {"request": 0, "message": 0, "reply": 0, "utterance": 0, "is_open": Fa
 def test_utterances_are_the_changes_from_silence(find):
     for speaker, field in (("robot", "request"), ("pedestrian", "message")):
         episode = find(speaker=speaker)
-        codes = episode.states.encounters[field][:, 0]
+        codes = getattr(episode.states.encounters, field)[:, 0]
         said = [utterance for utterance in utterances(episode) if utterance.speaker == speaker]
         assert len(said) == 1
         assert codes[said[0].t] == said[0].code != 0
@@ -81,7 +81,7 @@ def test_endings_are_those_of_the_outcomes(episodes):
     for episode in episodes:
         assert (ending(episode) == "arrived") == bool(episode.outcomes.arrived[-1])
     cut = dataclasses.replace(episodes[0], outcomes=episodes[0].outcomes.replace(
-        **{name: np.zeros_like(episodes[0].outcomes[name]) for name in ("arrived", "collided", "truncated")}
+        **{name: np.zeros_like(getattr(episodes[0].outcomes, name)) for name in ("arrived", "collided", "truncated")}
     ))  # fmt: skip
     assert ending(cut) == ""
 

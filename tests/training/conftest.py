@@ -94,9 +94,9 @@ class Talker:
 
     def best_action(self, actor, observation, voice=True, vocabulary=None):
         x, y = observation.pose[2, 0], observation.pose[2, 1]
-        code = 1 + (10.0 * jnp.hypot(x, y)).astype(jnp.int32) % 3
+        request = 1 + (10.0 * jnp.hypot(x, y)).astype(jnp.int32) % 3
         twist = jnp.stack([jnp.float32(actor), jnp.clip(2.0 * jnp.arctan2(y, x), -1.0, 1.0)])
-        return Action(twist=twist, code=jnp.where(observation.may_request & voice, code, 0))
+        return Action(twist=twist, request=jnp.where(observation.may_request & voice, request, 0))
 
 
 @dataclasses.dataclass(frozen=True)

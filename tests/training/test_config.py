@@ -7,7 +7,7 @@ import pytest
 
 from jaxnav.agents.hsac import HSACConfig
 from jaxnav.errors import UserError
-from jaxnav.training.config import PRESETS, RunConfig, TrainConfig, WorldSettings, preset, resolve
+from jaxnav.training.config import PRESETS, HSACRunConfig, TrainConfig, WorldSettings, preset, resolve
 from jaxnav.training.dataclass_json import from_json, to_json
 from jaxnav.world import Params, World, WorldConfig, default_params
 
@@ -19,24 +19,24 @@ def test_presets_are_named_and_survive_json(name):
     config = resolve(PRESETS[name])
     assert config.preset == name
     assert config.out == f"runs/{name}-0"
-    assert from_json(RunConfig, json.loads(json.dumps(to_json(config)))) == config
+    assert from_json(HSACRunConfig, json.loads(json.dumps(to_json(config)))) == config
 
 
 def test_scenes_of_a_suite_bring_their_people():
     some = WorldSettings(scenes=("narrow", "doorway"))
-    assert resolve(RunConfig(world=some)).world.params == default_params(("narrow",))
+    assert resolve(HSACRunConfig(world=some)).world.params == default_params(("narrow",))
     slow = dataclasses.replace(some, params=Params(preferred_speed=0.9))
-    assert resolve(RunConfig(world=slow)).world.params.preferred_speed == 0.9
+    assert resolve(HSACRunConfig(world=slow)).world.params.preferred_speed == 0.9
     with pytest.raises(UserError, match=r"world.scenes is narrow doorway beside --scene hard: give one of the two"):
-        resolve(RunConfig(scene="hard", world=some))
-    again = resolve(RunConfig(scene="hard"))
+        resolve(HSACRunConfig(scene="hard", world=some))
+    again = resolve(HSACRunConfig(scene="hard"))
     assert resolve(again) == again
 
 
 def test_one_scene_becomes_the_only_scene_of_the_world():
-    assert resolve(RunConfig(scene="hallway")).world.scenes == ("hallway",)
-    assert resolve(RunConfig()).world.scenes == ("square", "hallway", "crosswalk")
-    assert isinstance(resolve(RunConfig()).world.world(), World)
+    assert resolve(HSACRunConfig(scene="hallway")).world.scenes == ("hallway",)
+    assert resolve(HSACRunConfig()).world.scenes == ("square", "hallway", "crosswalk")
+    assert isinstance(resolve(HSACRunConfig()).world.world(), World)
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_a_bad_size_is_refused_with_field_value_and_remedy(make, field, value):
 
 
 def run_config(**fields):
-    """A `RunConfig`; names with a double underscore reach into the group before it."""
-    config = RunConfig()
+    """A `HSACRunConfig`; names with a double underscore reach into the group before it."""
+    config = HSACRunConfig()
     for name, value in fields.items():
         *groups, field = name.split("__")
         parts = [config]
@@ -106,7 +106,7 @@ def run_config(**fields):
         ("hyper__discount", 1.01, "hyper.discount"),
         ("hyper__tau", -0.1, "hyper.tau"),
         ("hyper__final_lr", 2.0, "hyper.final_lr"),
-        ("hyper__target_entropy_code", 1.5, "hyper.target_entropy_code"),
+        ("hyper__target_entropy_request", 1.5, "hyper.target_entropy_request"),
         ("hyper__initial_temperature", 0.0, "hyper.initial_temperature"),
         ("hyper__reward_scale", float("inf"), "hyper.reward_scale"),
         ("hyper__reward_scale", 0.0, "hyper.reward_scale"),
@@ -134,7 +134,7 @@ def test_values_at_the_edge_of_their_range_pass():
 
 @pytest.mark.parametrize("algo", ["td3", "ppo", "a2c"])
 def test_presets_are_those_of_every_algorithm_as_far_as_it_has_their_fields(algo):
-    usual, quick, grid = RunConfig(), preset("quick", algo), preset("grid", algo)
+    usual, quick, grid = HSACRunConfig(), preset("quick", algo), preset("grid", algo)
     assert (quick.agent, quick.hyper) == (type(quick)().agent, type(quick)().hyper)
     assert (grid.agent.encoder, grid.agent.actor_widths, grid.agent.critic_widths) == ("grid", (128,), (128,))
     assert (grid.hyper.actor_lr, grid.hyper.critic_lr) == (3e-4, 3e-4) != (usual.hyper.actor_lr, usual.hyper.critic_lr)

@@ -42,7 +42,7 @@ def result(evaluator, talk):
 
 
 def count(episodes, event):
-    return sum(bool(episode.outcomes[event].any()) for episode in episodes) / len(episodes)
+    return sum(bool(getattr(episode.outcomes, event).any()) for episode in episodes) / len(episodes)
 
 
 def mean(values):
@@ -73,11 +73,11 @@ def test_metrics_are_what_a_plain_count_gives(result, recorded, evaluator, talk,
         "muted_success": muted.arrived.mean(),
         "muted_min_distance": mean(muted.min_distance[muted.arrived]),
     }
-    said = [next((code for code in e.outcomes.requested if code), 0) for e in played]
+    said = [next((request for request in e.outcomes.requested if request), 0) for e in played]
     # A share of those who were asked and answered: some episodes end before the answer.
     answers = [e.outcomes.reply.max() for e in played]
     expected["complied"] = mean(float(answer == AGREES) for answer in answers if answer)
-    assert metrics.pop("requests") == {name: said.count(code) / EPISODES for code, name in enumerate(REQUESTS)}
+    assert metrics.pop("requests") == {name: said.count(request) / EPISODES for request, name in enumerate(REQUESTS)}
     assert metrics.keys() == expected.keys()
     for name, value in expected.items():
         assert metrics[name] == pytest.approx(value, abs=1e-5), name

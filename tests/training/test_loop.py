@@ -31,7 +31,7 @@ class Wanderer:
     def act(self, key, learner, observation, hyper):
         may_request = observation.may_request
         twist = jax.random.uniform(key, (*may_request.shape, 2), minval=0.0)
-        return Action(twist=twist, code=2 * may_request.astype(jnp.int32))
+        return Action(twist=twist, request=2 * may_request.astype(jnp.int32))
 
     def update(self, key, learner, batch, hyper, lr_scale, step):
         return SimpleActor(actor=learner.actor * hyper.tau), {"lr_scale": lr_scale}
@@ -50,8 +50,8 @@ class Keeper(Wanderer):
     replays, horizon = False, 5
 
     def init(self, key, observation, hyper):
-        shapes = {"twist": (2,), "code": (), "reward": (), "terminated": (), "ended": (), "steps": ()}
-        types = {"code": jnp.int32, "terminated": bool, "ended": bool, "steps": jnp.int32}
+        shapes = {"twist": (2,), "request": (), "reward": (), "terminated": (), "ended": (), "steps": ()}
+        types = {"request": jnp.int32, "terminated": bool, "ended": bool, "steps": jnp.int32}
         parts = {name: jnp.zeros(shape, types.get(name, jnp.float32)) for name, shape in shapes.items()}
         one = Batch(observation=observation, next_observation=observation, **parts)
         return jax.tree.map(lambda leaf: jnp.zeros((self.horizon, EPISODES, *leaf.shape), leaf.dtype), one)
@@ -122,7 +122,7 @@ def test_transitions_are_steps_of_the_world(walk, rows):
     step = jax.jit(jax.vmap(trainer.world.step, in_axes=(None, 0, 0, None)))
     counts = np.zeros(3, int)
     for before, after, row in rows:
-        action = Action(twist=jnp.asarray(row.twist), code=jnp.asarray(row.code, jnp.int32))
+        action = Action(twist=jnp.asarray(row.twist), request=jnp.asarray(row.request, jnp.int32))
         states, outcome = jax.device_get(step(jax.random.key(0), before.states, action, trainer.params))
         went_on = ~np.asarray(before.ended)
         np.testing.assert_array_equal(row.terminated[went_on], outcome.terminated[went_on])
@@ -149,7 +149,7 @@ def test_ended_episodes_are_replaced_before_acting_and_others_go_on(walk, rows):
         np.testing.assert_array_equal(row.snapshot.t[ended], 0)
         assert not np.isin(row.snapshot.seed[ended], old.seed).any()
         for name in ("t", "seed", "x", "y", "heading"):
-            np.testing.assert_array_equal(row.snapshot[name][~ended], old[name][~ended])
+            np.testing.assert_array_equal(getattr(row.snapshot, name)[~ended], getattr(old, name)[~ended])
         np.testing.assert_array_equal(row.next_snapshot.t, row.snapshot.t + 1)
         np.testing.assert_array_equal(np.asarray(after.states.seed), row.snapshot.seed)
     assert {False, True} == set(np.concatenate([np.asarray(before.ended) for before, *_ in rows[1:]]).tolist())

@@ -22,7 +22,7 @@ def drawn():
 
 @pytest.mark.parametrize(("name", "low", "high"), RANGES)
 def test_values_fill_their_range_evenly(drawn, name, low, high):
-    values = drawn[name]
+    values = getattr(drawn, name)
     if name in ("crowd_size", "control_latency"):
         counts = np.bincount(values.astype(int), minlength=high + 1)[low:]
         assert set(values) == set(range(low, high + 1))
@@ -33,11 +33,11 @@ def test_values_fill_their_range_evenly(drawn, name, low, high):
 
 
 def test_fields_are_drawn_apart_and_the_rest_stays(drawn):
-    table = np.stack([drawn[name] for name, _, _ in RANGES])
+    table = np.stack([getattr(drawn, name) for name, _, _ in RANGES])
     assert np.abs(np.corrcoef(table) - np.eye(len(RANGES))).max() < 0.06
-    for name, value in Params().items():
+    for name, value in vars(Params()).items():
         if name not in {name for name, _, _ in RANGES} | {"max_speed"}:
-            np.testing.assert_array_equal(drawn[name], np.float32(value))
+            np.testing.assert_array_equal(getattr(drawn, name), np.float32(value))
     assert (drawn.max_speed >= drawn.preferred_speed).all()
 
 

@@ -31,13 +31,15 @@ def test_summaries_agree_with_what_was_recorded(recorded, summary, evaluator):
     for i, episode in enumerate(recorded["talker"]):
         outcomes = episode.outcomes
         for name in ("arrived", "collided", "hit_pedestrian", "truncated"):
-            assert getattr(summary, name)[i] == outcomes[name][-1], name
+            assert getattr(summary, name)[i] == getattr(outcomes, name)[-1], name
         assert summary.steps[i] == len(outcomes.reward)
-        start = np.hypot(*(episode.states.pedestrians[k][0, 0] - episode.states.robot[k][0] for k in "xy"))
+        start = np.hypot(
+            *(getattr(episode.states.pedestrians, k)[0, 0] - getattr(episode.states.robot, k)[0] for k in "xy")
+        )
         surface = min(start - params.robot_radius - params.body_radius, outcomes.pedestrian_distance.min())
         assert summary.min_distance[i] == pytest.approx(surface, abs=1e-5)
         assert summary.comfortable_steps[i] == (outcomes.pedestrian_distance >= params.comfort_distance).sum()
-        assert summary.request[i] == next((code for code in outcomes.requested if code), 0)
+        assert summary.request[i] == next((request for request in outcomes.requested if request), 0)
         assert summary.replied[i] == (outcomes.reply != NONE).any()
         assert summary.agreed[i] == (outcomes.reply == AGREES).any()
 

@@ -68,7 +68,7 @@ def test_a_line_a_chunk_has_the_keys_of_the_contract(finished):
     for line in metrics:
         assert set(line) - {"evaluation"} == {
             "env_steps", "updates", "wall_seconds", "success", "episodes", "reward", "q", "critic_loss", "actor_loss",
-            "twist_entropy", "code_entropy", "twist_temperature", "code_temperature",
+            "twist_entropy", "request_entropy", "twist_temperature", "request_temperature",
             "message_loss",
         }  # fmt: skip
     assert ["evaluation" in line for line in metrics] == [False, False, False, True]

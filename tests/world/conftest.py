@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxnav.world import Action, Params, State, World, WorldConfig
-from jaxnav.world.types import Encounter, PedestrianTraits, Pedestrian, Robot
+from jaxnav.world.types import Encounter, Pedestrian, PedestrianTraits, Robot
 
 EPISODES = 2048
 
@@ -72,20 +72,20 @@ def variant():
 
 @pytest.fixture(scope="session")
 def random_episodes(default):
-    """60 steps of robots at random twists and codes in all scenes; half of what they ask is refused."""
+    """60 steps of robots at random twists and requests in all scenes; half of what they ask is refused."""
     rng = np.random.default_rng(0)
 
     def policy(step, state):
         del step, state
         twist = rng.uniform((-0.5, -1.0), 1.0, (EPISODES, 2)).astype(np.float32)
-        return Action(twist=twist, code=rng.integers(0, 4, EPISODES, np.int32))
+        return Action(twist=twist, request=rng.integers(0, 4, EPISODES, np.int32))
 
     return default.play(policy, np.arange(EPISODES) % 3, 60, Params(small_talk=0.05, compliance=0.5, max_steps=50.0))
 
 
-def action(v=0.0, w=0.0, code=0):
+def action(v=0.0, w=0.0, request=0):
     """The action that drives v m/s and w rad/s with the default limits."""
-    return Action(twist=np.array([v / 0.3 - 1.0, w / 0.9], np.float32), code=np.int32(code))
+    return Action(twist=np.array([v / 0.3 - 1.0, w / 0.9], np.float32), request=np.int32(request))
 
 
 def situation(

@@ -37,11 +37,11 @@ AGREEMENT = 1e-3  # one-sided differences that agree to this share know of no ev
 
 
 def draw(world, key):
-    """(state, twists `[STEPS, 2]`, codes `[STEPS]`, keys `[STEPS]`, params) of one random rollout.
+    """(state, twists `[STEPS, 2]`, requests `[STEPS]`, keys `[STEPS]`, params) of one random rollout.
 
     A quarter of the episodes has one pedestrian; the people differ from episode to episode.
     """
-    key_scene, key_reset, key_params, key_twist, key_code, key_alone, key_steps = jax.random.split(key, 7)
+    key_scene, key_reset, key_params, key_twist, key_request, key_alone, key_steps = jax.random.split(key, 7)
     scene = jax.random.randint(key_scene, (), 0, len(world.scenes), jnp.int32)
     parity, hard = default_params(SUITES["parity"]), default_params(SUITES["hard"])
     is_parity = jnp.array([name in SUITES["parity"] for name in world.config.scenes])[scene]
@@ -59,24 +59,24 @@ def draw(world, key):
         pedestrians=people.replace(present=people.present & (~alone | (jnp.arange(world.config.pedestrians) == 0)))
     )
     twists = jax.random.uniform(key_twist, (STEPS, 2), minval=jnp.array([-0.6, -0.5]), maxval=jnp.array([0.95, 0.5]))
-    codes = jax.random.randint(key_code, (STEPS,), 0, 4, jnp.int32)
-    return state, twists, codes, jax.random.split(key_steps, STEPS), params
+    requests = jax.random.randint(key_request, (STEPS,), 0, 4, jnp.int32)
+    return state, twists, requests, jax.random.split(key_steps, STEPS), params
 
 
-def rollout(world, state, twists, codes, keys, params, weights=None):
+def rollout(world, state, twists, requests, keys, params, weights=None):
     """The return up to the end of the episode; with weights `[STEPS]`, plus as much of all that is observed."""
 
     def step(carry, now):
         state, done = carry
-        twist, code, key, weight = now
-        state, outcome = world.step(key, state, Action(twist=twist, code=code), params)
+        twist, request, key, weight = now
+        state, outcome = world.step(key, state, Action(twist=twist, request=request), params)
         total = jnp.where(done, 0.0, outcome.reward)
         if weight is not None:
             parts = [leaf for leaf in jax.tree.leaves(world.observe(state, params)) if leaf.dtype == total.dtype]
             total += weight * sum(jnp.sum(jnp.sin(part)) for part in parts)
         return (state, done | outcome.terminated), total
 
-    return jnp.sum(jax.lax.scan(step, (state, jnp.bool_(False)), (twists, codes, keys, weights))[1])
+    return jnp.sum(jax.lax.scan(step, (state, jnp.bool_(False)), (twists, requests, keys, weights))[1])
 
 
 # Differences
@@ -85,9 +85,9 @@ def rollout(world, state, twists, codes, keys, params, weights=None):
 def differences(world, rollouts):
     """Gradients beside central differences, for all components of twists and parameters of many rollouts."""
 
-    def value(vector, state, codes, keys, params):
+    def value(vector, state, requests, keys, params):
         changed = dict(zip(SMOOTH, vector[2 * STEPS :], strict=True))
-        return rollout(world, state, vector[: 2 * STEPS].reshape(STEPS, 2), codes, keys, params.replace(**changed))
+        return rollout(world, state, vector[: 2 * STEPS].reshape(STEPS, 2), requests, keys, params.replace(**changed))
 
     def beside(vector, *rest):
         """[components, 2]: the values above and below ``vector`` in each component."""
@@ -95,9 +95,11 @@ def differences(world, rollouts):
         shifted = vector + shifts[None, :, None] * jnp.eye(vector.size)[:, None]
         return jax.vmap(jax.vmap(lambda moved: value(moved, *rest)))(shifted)
 
-    state, twists, codes, keys, params = _drawn(world, rollouts)
-    vector = np.concatenate([twists.reshape(rollouts, -1), np.stack([params[name] for name in SMOOTH], 1)], axis=1)
-    arguments = vector, state, codes, keys, params
+    state, twists, requests, keys, params = _drawn(world, rollouts)
+    vector = np.concatenate(
+        [twists.reshape(rollouts, -1), np.stack([getattr(params, name) for name in SMOOTH], 1)], axis=1
+    )
+    arguments = vector, state, requests, keys, params
     here, gradient = _in_blocks(jax.value_and_grad(value), 25, *arguments)
     above, below = np.moveaxis(_in_blocks(beside, 25, *arguments), -1, 0)
 
@@ -126,19 +128,21 @@ def differences(world, rollouts):
 def finite(world, rollouts):
     """How many random rollouts have a gradient that is not finite, by what it is of and where the rollout started."""
 
-    def total(floats, state, codes, keys, params):
+    def total(floats, state, requests, keys, params):
         twists, poses, values = floats
-        state = state.replace(**{name: state[name].replace(**pose) for name, pose in poses.items()})
+        state = state.replace(**{name: getattr(state, name).replace(**pose) for name, pose in poses.items()})
         weights = jnp.ones(STEPS)
-        return rollout(world, state, twists, codes, keys, params.replace(**values), weights)
+        return rollout(world, state, twists, requests, keys, params.replace(**values), weights)
 
-    def gradient(key, kind, state, twists, codes, keys, params):
+    def gradient(key, kind, state, twists, requests, keys, params):
         state, twists = _degenerate(world, key, kind, state, twists, params)
         poses = {
-            "robot": {name: state.robot[name] for name in ("x", "y", "heading", "v", "w", "goal_x", "goal_y")},
-            "pedestrians": {name: state.pedestrians[name] for name in ("x", "y", "vx", "vy", "goal_x", "goal_y")},
+            "robot": {name: getattr(state.robot, name) for name in ("x", "y", "heading", "v", "w", "goal_x", "goal_y")},
+            "pedestrians": {
+                name: getattr(state.pedestrians, name) for name in ("x", "y", "vx", "vy", "goal_x", "goal_y")
+            },
         }
-        by = jax.grad(total)((twists, poses, dict(params)), state, codes, keys, params)
+        by = jax.grad(total)((twists, poses, vars(params)), state, requests, keys, params)
         return [jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(part)]) for part in by]
 
     kinds = np.arange(rollouts) % len(KINDS)

@@ -24,15 +24,15 @@ def alone_among_absent(situation):
     return pair
 
 
-@pytest.mark.parametrize("code", [0, 1, 2])
+@pytest.mark.parametrize("asked", [0, 1, 2])
 @pytest.mark.parametrize("first_draw", [0.0, 0.99], ids=["it speaks", "the robot speaks"])
-def test_more_slots_than_people_give_the_same_motion(default, crowd, alone_among_absent, action, code, first_draw):
+def test_more_slots_than_people_give_the_same_motion(default, crowd, alone_among_absent, action, asked, first_draw):
     """Robot, walker, dialogue, reward and distances, step by step through a meeting."""
     one, six = alone_among_absent(first_draw=first_draw)
     met = False
     for _ in range(12):
-        one, outcome = default.act(one, action(0.4, 0.1, code), PARAMS)
-        six, same = crowd.act(six, action(0.4, 0.1, code), PARAMS)
+        one, outcome = default.act(one, action(0.4, 0.1, asked), PARAMS)
+        six, same = crowd.act(six, action(0.4, 0.1, asked), PARAMS)
         close(outcome, same)
         close(one.robot, six.robot)
         close(one.min_distance, six.min_distance)

@@ -26,8 +26,8 @@ def play(world):
 
     @jax.jit
     def episode(twists, params):
-        codes = jnp.arange(STEPS) % 4
-        actions = Action(twist=twists, code=codes)
+        requests = jnp.arange(STEPS) % 4
+        actions = Action(twist=twists, request=requests)
         first = world.reset(jax.random.key(5), params)
 
         def step(state, action):
@@ -133,7 +133,7 @@ def test_a_step_of_delay_costs_a_snapshot_14_bytes_and_16_a_pedestrian():
 
 def test_steps_keep_the_types_of_a_reset():
     state = jax.eval_shape(WORLD.reset, jax.random.key(0), Params())
-    action = Action(twist=jax.ShapeDtypeStruct((2,), jnp.float32), code=jax.ShapeDtypeStruct((), jnp.int32))
+    action = Action(twist=jax.ShapeDtypeStruct((2,), jnp.float32), request=jax.ShapeDtypeStruct((), jnp.int32))
     with jax.numpy_rank_promotion("raise"):
         after, _ = jax.eval_shape(WORLD.step, jax.random.key(0), state, action, Params())
         jax.eval_shape(WORLD.observe, state, Params())

@@ -26,7 +26,7 @@ def advance(state, params, word=WORD, turns=False):
 
 
 def only(state, name):
-    return state.encounters[name][0].item()
+    return getattr(state.encounters, name)[0].item()
 
 
 class TestGate:
@@ -161,10 +161,10 @@ class TestRequests:
         ],
         ids=["gate open", "gate closed", "pedestrian first", "used"],
     )
-    def test_codes_count_only_while_open_first_and_unused(self, default, situation, action, encounter, counts):
+    def test_requests_count_only_while_open_first_and_unused(self, default, situation, action, encounter, counts):
         state = situation(pedestrians=FACING, **ASKED | encounter)
         assert default.observe(state, Params()).may_request.item() == counts
-        after, outcome = default.act(state, action(code=LEFT))
+        after, outcome = default.act(state, action(request=LEFT))
         assert outcome.requested.item() == (LEFT if counts else NONE)
         assert only(after, "request") == (LEFT if counts else encounter.get("request", NONE))
 
@@ -176,7 +176,7 @@ class TestRequests:
         encounters = state.encounters.replace(
             distance=np.hypot(*at.T), is_open=np.array([1, 0, 1, 1, 1, 0], bool), pedestrian_first=np.arange(6) == 4
         )
-        after, _ = crowd.act(state.replace(encounters=encounters), action(code=STOP))
+        after, _ = crowd.act(state.replace(encounters=encounters), action(request=STOP))
         assert after.encounters.request.tolist() == [NONE, NONE, STOP, NONE, NONE, NONE]
 
     @pytest.mark.parametrize("delay", [0, 1, 2])
@@ -186,7 +186,7 @@ class TestRequests:
         state = situation(pedestrians=FACING, compliance_draw=0.5, reply_delay=delay, **ASKED)
         replies, speeds = [], []
         for i in range(5):
-            state, _ = default.act(state, action(code=STOP if i == 0 else NONE), params)
+            state, _ = default.act(state, action(request=STOP if i == 0 else NONE), params)
             replies.append(only(state, "reply"))
             speeds.append(float(np.hypot(state.pedestrians.vx[0], state.pedestrians.vy[0])))
         assert replies == [NONE] * delay + [reply] * (5 - delay)
@@ -197,7 +197,7 @@ class TestRequests:
         state = situation(pedestrians=FACING, reply_delay=1, **ASKED)
         stands = []
         for _ in range(14):
-            state, _ = default.act(state, action(code=STOP))
+            state, _ = default.act(state, action(request=STOP))
             stands.append(abs(float(state.pedestrians.vx[0])) < 1e-6)
         assert stands == [False] + [True] * 10 + [False] * 3
 
@@ -206,7 +206,7 @@ class TestRequests:
         state = situation(robot=(0.0, 0.0, np.pi), pedestrians=FACING, **ASKED | {"distance": 2.5})
         stands, is_open = [], []
         for _ in range(5):
-            state, _ = default.act(state, action(v=0.6, code=STOP))
+            state, _ = default.act(state, action(v=0.6, request=STOP))
             stands.append(abs(float(state.pedestrians.vx[0])) < 1e-6)
             is_open.append(only(state, "is_open"))
         assert is_open == [True, False, False, False, False]
@@ -326,7 +326,9 @@ class TestDecidingAlone:
     def test_a_share_of_all_do(self, situation, p, share):
         state = situation(is_open=True, age=4)
         draws = ((np.arange(1000) + 0.5) / 1000).astype(np.float32)
-        decided = dialogue.decides_alone(state.encounters, state.traits.replace(decides=draws), Params(p_decides_late=p))
+        decided = dialogue.decides_alone(
+            state.encounters, state.traits.replace(decides=draws), Params(p_decides_late=p)
+        )
         assert decided.mean() == pytest.approx(share)
 
     @pytest.mark.parametrize("delay", [1, 2, 4])
@@ -388,9 +390,9 @@ def test_the_dialogue_is_consistent_along_random_episodes(random_episodes):
     assert first.mean() == pytest.approx(0.5, abs=0.05)
     held = (e.message[1:] != NONE) & (e.message[:-1] != NONE)
     for name in ("message", "utterance"):
-        assert np.all(e[name][1:][held] == e[name][:-1][held])
+        assert np.all(getattr(e, name)[1:][held] == getattr(e, name)[:-1][held])
     assert np.all(e.message_age[1:][held] == e.message_age[:-1][held] + 1)
-    # A code counts at most once an encounter, in the state in which the robot was told that it may ask.
+    # A request counts at most once an encounter, in the state in which the robot was told that it may ask.
     asked = outcomes.requested != NONE
     assert asked.any()
     assert np.all(asked.sum(axis=0) <= 1)

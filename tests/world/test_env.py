@@ -12,7 +12,9 @@ OBLIVIOUS = Params(awareness=0.0)
 
 def flags(outcome):
     return {
-        name for name in ("arrived", "collided", "hit_pedestrian", "terminated", "truncated") if outcome[name].item()
+        name
+        for name in ("arrived", "collided", "hit_pedestrian", "terminated", "truncated")
+        if getattr(outcome, name).item()
     }
 
 
@@ -80,7 +82,9 @@ def test_every_episode_ends_in_exactly_one_way(random_episodes):
     assert np.all(outcomes.truncated == (out_of_time & ~outcomes.terminated))
     ended = np.argmax(outcomes.terminated | outcomes.truncated, axis=0)
     assert ended.max() == 49
-    ways = np.stack([outcomes[name][ended, np.arange(ended.size)] for name in ("arrived", "collided", "truncated")])
+    ways = np.stack(
+        [getattr(outcomes, name)[ended, np.arange(ended.size)] for name in ("arrived", "collided", "truncated")]
+    )
     assert np.all(ways.sum(axis=0) == 1)
     assert np.all(ways.any(axis=1))
 
@@ -132,7 +136,7 @@ def test_a_reset_draws_its_scene_evenly():
 def test_steps_are_traced_once(default, situation, action):
     """Built states and those that a step or a reset returns, other scenes, other parameters: `default.step` counts."""
     for scene in range(3):
-        state, _ = default.act(situation(scene=scene, t=7), action(0.5, code=1), Params(max_v=0.4, dt=0.2))
+        state, _ = default.act(situation(scene=scene, t=7), action(0.5, request=1), Params(max_v=0.4, dt=0.2))
         state, _ = default.act(state, action(0.1), Params(compliance=0.0))
     kinds = [
         [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(state)]
@@ -164,7 +168,7 @@ def test_params_out_of_range_are_refused_by_name_value_and_range(field, value, r
     with pytest.raises(ValueError, match=rf"{field} is {value}.*{remedy}"):
         World().reset(jax.random.key(0), params)
     with pytest.raises(ValueError, match=field):  # one of a batch
-        check_params(params.replace(**{field: np.array([Params()[field], value])}))
+        check_params(params.replace(**{field: np.array([getattr(Params(), field), value])}))
 
 
 @pytest.mark.parametrize("scene", [3, 7, -1, np.int32(3)])
@@ -198,6 +202,6 @@ def test_no_axis_is_added_silently(pedestrians):
     world = World(WorldConfig(pedestrians=pedestrians, observation=OBSERVATION_PARTS, scan_noise=True))
     with jax.numpy_rank_promotion("raise"):
         state = jax.eval_shape(world.reset, jax.random.key(0), Params())
-        action = Action(twist=jax.ShapeDtypeStruct((2,), float), code=jax.ShapeDtypeStruct((), int))
+        action = Action(twist=jax.ShapeDtypeStruct((2,), float), request=jax.ShapeDtypeStruct((), int))
         jax.eval_shape(world.step, jax.random.key(0), state, action, Params())
         jax.eval_shape(world.observe, state, Params())

@@ -145,7 +145,7 @@ def met(starts, name, distance=0.6):
     state = jax.tree.map(lambda leaf: leaf[0], starts(name))
     robot, people = state.robot, state.pedestrians
     at = np.arange(8) == 0
-    x, y = (robot[k] + distance * f(robot.heading) for k, f in (("x", np.cos), ("y", np.sin)))
+    x, y = (getattr(robot, k) + distance * f(robot.heading) for k, f in (("x", np.cos), ("y", np.sin)))
     people = people.replace(x=np.where(at, x, people.x), y=np.where(at, y, people.y))
     said = state.encounters.replace(
         is_open=at, met=at, pedestrian_first=at, message=np.where(at, LEFT, 0).astype(np.int32),

@@ -90,10 +90,10 @@ def play():
             key_reset, *keys = jax.random.split(key, STEPS + 1)
 
             def step(state, key):
-                key_twist, key_code, key_step = jax.random.split(key, 3)
+                key_twist, key_request, key_step = jax.random.split(key, 3)
                 action = Action(
                     twist=jax.random.uniform(key_twist, (2,), minval=-1.5, maxval=1.5),
-                    code=jax.random.randint(key_code, (), 0, 4),
+                    request=jax.random.randint(key_request, (), 0, 4),
                 )
                 state, outcome = world.step(key_step, state, action, params)
                 return state, (state, outcome)
@@ -211,9 +211,9 @@ def inside(config, scene, x, y):
 
 def assert_dialogue(said):
     for field, count in (("message", 4), ("request", 4), ("reply", 3), ("is_open", 2), ("pedestrian_first", 2)):
-        assert np.all((said[field] >= 0) & (said[field] < count)), field
+        assert np.all((getattr(said, field) >= 0) & (getattr(said, field) < count)), field
     for field in ("message_age", "request_age"):
-        assert np.all((said[field] >= 0) & (said[field] <= STEPS)), field
+        assert np.all((getattr(said, field) >= 0) & (getattr(said, field) <= STEPS)), field
     assert np.all(said.utterance <= 2**16)
 
 
@@ -226,7 +226,7 @@ def assert_outcomes(played, params):
     assert np.all((outcomes.requested >= 0) & (outcomes.requested < 4))
     assert np.all((outcomes.reply >= 0) & (outcomes.reply < 3))
 
-    terms = np.stack(list(outcomes.reward_terms.values()))
+    terms = np.stack(list(vars(outcomes.reward_terms).values()))
     np.testing.assert_allclose(outcomes.reward, terms.sum(axis=0), rtol=1e-5, atol=1e-5 * (1 + np.abs(terms).max()))
     goal = np.where(outcomes.collided, params.reward_collision, outcomes.arrived * params.reward_arrival)
     np.testing.assert_array_equal(outcomes.reward_terms.goal, goal)

@@ -12,7 +12,7 @@ NOTHING = dict.fromkeys(("goal", "shaping", "step", "closeness", "request", "res
 
 
 def terms_of(outcome):
-    return {name: float(value) for name, value in outcome.reward_terms.items()}
+    return {name: float(value) for name, value in vars(outcome.reward_terms).items()}
 
 
 @pytest.mark.parametrize(
@@ -29,7 +29,7 @@ def terms_of(outcome):
 def test_events_of_both_kinds_of_reward(kind, arrived, collided, expected):
     """0.1 m of progress, 0.6 m from a pedestrian, 0.3 m at the nearest of the episode."""
     terms = reward_terms(np.bool_(arrived), np.bool_(collided), 0.1, 0.6, 0.3, False, False, PARAMS, kind)
-    assert {name: float(value) for name, value in terms.items()} == pytest.approx(NOTHING | expected)
+    assert {name: float(value) for name, value in vars(terms).items()} == pytest.approx(NOTHING | expected)
 
 
 @pytest.mark.parametrize(("distance", "expected"), [(1.2, 0.0), (1.0, 0.0), (0.75, -12.5), (0.0, -50.0), (-0.1, -50.0)])
@@ -90,7 +90,7 @@ def test_a_time_out_is_rewarded_as_any_step(default, situation, action):
 
 
 @pytest.mark.parametrize(
-    ("pedestrian", "code", "pays"),
+    ("pedestrian", "asked", "pays"),
     [
         ((2.5, 0.3, -4.5, 0.3), RIGHT, True),
         ((2.5, 0.3, -4.5, 0.3), LEFT, False),
@@ -101,17 +101,17 @@ def test_a_time_out_is_rewarded_as_any_step(default, situation, action):
         ((2.0, 2.0, 2.0, -4.5), LEFT, False),
     ],
 )
-def test_a_request_pays_once_if_it_fits(default, situation, action, pedestrian, code, pays):
+def test_a_request_pays_once_if_it_fits(default, situation, action, pedestrian, asked, pays):
     state = situation(pedestrians=[pedestrian], is_open=True, met=True, distance=3.0)
-    state, outcome = default.act(state, action(code=code))
+    state, outcome = default.act(state, action(request=asked))
     assert terms_of(outcome)["request"] == 20.0 * pays
-    _, outcome = default.act(state, action(code=code))
+    _, outcome = default.act(state, action(request=asked))
     assert terms_of(outcome)["request"] == 0.0
 
 
 def test_a_request_that_does_not_count_does_not_pay(default, situation, action):
     state = situation(pedestrians=[(2.5, 0.3, -4.5, 0.3)])
-    assert terms_of(default.act(state, action(code=RIGHT))[1])["request"] == 0.0
+    assert terms_of(default.act(state, action(request=RIGHT))[1])["request"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -145,19 +145,19 @@ def test_a_robot_that_does_what_it_was_asked_is_paid_every_step(default, situati
 
 def test_the_terms_add_up_to_the_reward(random_episodes):
     outcomes = random_episodes[1]
-    total = sum(np.asarray(term, np.float64) for term in outcomes.reward_terms.values())
+    total = sum(np.asarray(term, np.float64) for term in vars(outcomes.reward_terms).values())
     np.testing.assert_allclose(outcomes.reward, total, atol=1e-3)
-    assert all(np.any(term != 0) for term in outcomes.reward_terms.values())
+    assert all(np.any(term != 0) for term in vars(outcomes.reward_terms).values())
 
 
 def test_parameters_scale_their_terms(default, situation, action):
     """Each weight reaches its term: doubled, the term doubles, and the others stay."""
     near = situation(pedestrians=[(2.0, 0.6, -4.5, 0.6)], is_open=True, met=True, distance=3.0, goal=(3.0, 0.0))
     near = near.replace(robot=near.robot.replace(x=np.float32(1.5)))
-    act = action(v=0.3, code=RIGHT)
+    act = action(v=0.3, request=RIGHT)
     once = terms_of(default.act(near, act)[1])
     for name in ("progress", "step", "closeness", "request"):
         field = {"progress": "shaping"}.get(name, name)
-        twice = default.act(near, act, PARAMS.replace(**{f"reward_{name}": 2 * PARAMS[f"reward_{name}"]}))[1]
+        twice = default.act(near, act, PARAMS.replace(**{f"reward_{name}": 2 * getattr(PARAMS, f"reward_{name}")}))[1]
         assert once[field] != 0
         assert terms_of(twice) == pytest.approx(once | {field: 2 * once[field]})

@@ -141,7 +141,7 @@ def test_rendering_a_snapshot_is_observing_bit_by_bit(crowd, situation, action):
     render = jax.jit(crowd.world.observe_snapshot)
     state = situation(pedestrians=np.random.default_rng(0).uniform(-3, 3, (6, 4)), first_draw=0.0)
     for _ in range(4):
-        state, _ = crowd.act(state, action(0.5, 0.3, code=1))
+        state, _ = crowd.act(state, action(0.5, 0.3, request=1))
         snapshot = crowd.world.snapshot(state)
         stored = jax.tree.map(lambda leaf: np.array(leaf, copy=True), snapshot)
         now, later = render(snapshot, PARAMS), render(stored, PARAMS)

@@ -25,7 +25,7 @@ def test_contacts_and_distances_of_a_step_are_those_of_a_thousand_sub_steps(defa
         before = jax.device_get(default.resets(jax.random.split(jax.random.key(played), 2048), PARAMS, scenes))
         before = _about_to_touch(before, [walls[scene] for scene in scenes], rng)
         twist = np.clip(rng.uniform((-1.0, -1.5), (2.0, 1.5), (2048, 2)), -1.0, 1.0).astype(np.float32)
-        action = Action(twist=twist, code=np.zeros(2048, np.int32))
+        action = Action(twist=twist, request=np.zeros(2048, np.int32))
         after, outcome = jax.device_get(
             default.steps(jax.random.split(jax.random.key(0), 2048), before, action, PARAMS)
         )

@@ -1,8 +1,8 @@
-"""Drives a robot with a bundle's policy: laser scan, people, pose and words in, m/s, rad/s, code and sentence out.
+"""Drives a robot with a bundle's policy: laser scan, people, pose and words in, m/s, rad/s, request and sentence out.
 
     navigator = Navigator()                          # of the folder in which this file lies
     navigator.reset(goal=(4.0, 1.0))                 # in the frame of the poses
-    v, w, code, utterance = navigator.step(scan, people, pose)
+    v, w, request, utterance = navigator.step(scan, people, pose)
 
 Call `Navigator.step` 5 to 20 times a second, with whatever is newest. It never raises: what it can't use stops the
 robot, and `Navigator.reason` says why. Written for Python 3.6.
@@ -22,8 +22,8 @@ from scans import LaserInput, Mount, Scan, Unusable, finite
 
 __all__ = ["Command", "Mount", "Navigator", "Scan"]
 
-Command = collections.namedtuple("Command", "v w code utterance")
-Command.__doc__ = """What the robot does now. v: m/s; w: rad/s, to the left; code: what it asks of the nearest person, 0
+Command = collections.namedtuple("Command", "v w request utterance")
+Command.__doc__ = """What the robot does now. v: m/s; w: rad/s, to the left; request: what it asks of the nearest person, 0
 nothing; utterance: the sentence to speak, "" for none."""
 
 _UNSURE = 0.4  # between the two likeliest meanings: below it the robot asks to repeat
@@ -119,9 +119,9 @@ class Navigator(object):
             said = self._hear(*self._unheard.pop(0)) or said
         decision = self.policy.act(self._observation(now, voice=beats > 0))
         v, w = self._within_limits(decision)
-        if decision.code != 0:
-            self._people.ask(decision.code)
-            said = self._sentence("request", self.contract["codes"][decision.code]["name"])
+        if decision.request != 0:
+            self._people.ask(decision.request)
+            said = self._sentence("request", self.contract["requests"][decision.request]["name"])
         self.steps += 1
         self.reason = ""
         if self._people.asks_to_stop(self._aside):
@@ -132,7 +132,7 @@ class Navigator(object):
             self.interventions += 1
             self.reason = "slowed from %.3f to %.3f m/s before an obstacle" % (v, slower)
         self._twist = slower, w
-        return Command(slower, w, decision.code, said)
+        return Command(slower, w, decision.request, said)
 
     def _start_over(self):
         """Forget everything but the goal."""

@@ -147,10 +147,10 @@ class People:
         """The nearest who was asked for something and has not answered, None if nobody was."""
         return self._closest(p for p in self._people if p.is_open and p.request and not p.reply)
 
-    def ask(self, code):
-        """Put the code to the nearest person who may be asked."""
+    def ask(self, request):
+        """Put the request to the nearest person who may be asked."""
         person = self._closest(p for p in self._people if p.may_be_asked)
-        person.request, person.request_age = code, 0
+        person.request, person.request_age = request, 0
 
     def observe(self):
         """{name: array} of the contract's inputs about people: the nearest, nearest first; who is seen comes before who

@@ -1,4 +1,4 @@
-"""A trained policy in plain PyTorch (1.8 or newer) and numpy: raw sensor numbers go in, m/s, rad/s and a code come out.
+"""A trained policy in plain PyTorch (1.8 or newer) and numpy: raw sensor numbers go in, m/s, rad/s and a request come out.
 
     python3 policy.py --selftest                  replays golden.npz, the recorded inputs and outputs
     python3 policy.py --torchscript policy.pt     writes the network as TorchScript (torch 1.10 or older)
@@ -20,9 +20,9 @@ from bundle import HERE, BundleError, load_arrays, load_contract, read_file
 from torch import nn
 
 TOLERANCE = 1e-5  # the most by which outputs may differ from the recorded ones
-Decision = collections.namedtuple("Decision", "v w code log_p heard answer")
-Decision.__doc__ = """What the policy does. v: m/s; w: rad/s, to the left; code: what it asks of people, 0 nothing;
-log_p: [codes] log-probabilities of the codes; heard: [K, 3] how likely each person is understood to have asked the
+Decision = collections.namedtuple("Decision", "v w request log_p heard answer")
+Decision.__doc__ = """What the policy does. v: m/s; w: rad/s, to the left; request: what it asks of people, 0 nothing;
+log_p: [requests] log-probabilities of the requests; heard: [K, 3] how likely each person is understood to have asked the
 robot to stop, to go right, to go left; answer: [K, 3] likewise that it answers nothing, agrees, refuses."""
 
 
@@ -197,14 +197,14 @@ class Listener(nn.Module):
 
 
 class Actor(nn.Module):
-    """The network: tensors in the order of ``inputs``, each [B, ...], -> (v [B], w [B], code [B], log_p [B, codes],
+    """The network: tensors in the order of ``inputs``, each [B, ...], -> (v [B], w [B], request [B], log_p [B, requests],
     heard [B, K, 3], answer [B, K, 3])."""
 
     def __init__(self, sizes):
         super().__init__()
         self.inputs = list(sizes["inputs"])
         self.squash, self.mean_tanh = sizes["squash"], sizes["mean_tanh"]
-        self.codes, self.twists = sizes["codes"], sizes["twists"]
+        self.requests, self.twists = sizes["requests"], sizes["twists"]
         constant(self, "no_answer", [1.0, 0.0, 0.0])
         constant(self, "scale", [0.5 * sizes["max_v"], sizes["max_w"]])
         constant(self, "slowest", [0.5 * sizes["max_v"], 0.0])
@@ -213,8 +213,8 @@ class Actor(nn.Module):
         self.encoder = (GridEncoder if "maps" in self.inputs else LidarEncoder)(sizes)
         self.body = MLP(self.encoder.features, sizes["widths"])
         self.mean_head = nn.Linear(sizes["widths"][-1], 2 * self.twists)
-        if self.codes > 1:
-            self.code_head = nn.Linear(sizes["widths"][-1], self.codes)
+        if self.requests > 1:
+            self.request_head = nn.Linear(sizes["widths"][-1], self.requests)
 
     def forward(self, *values):
         x = dict(zip(self.inputs, values))
@@ -224,17 +224,17 @@ class Actor(nn.Module):
             heard = one_hot(x["message"], 1, 3)
             answer = self.no_answer.expand(heard.shape)
         features = self.body(self.encoder(x, heard))
-        log_p = self.code_log_probabilities(features, x["may_request"] * x["voice"])
-        code = torch.argmax(log_p, dim=-1)
+        log_p = self.request_log_probabilities(features, x["may_request"] * x["voice"])
+        request = torch.argmax(log_p, dim=-1)
         mean = self.mean_head(features)
-        if self.twists > 1:  # each code has its twist
-            chosen = one_hot(code, 0, self.codes).unsqueeze(-1)
-            mean = (mean.view(-1, self.codes, 2) * chosen).sum(dim=1)
+        if self.twists > 1:  # each request has its twist
+            chosen = one_hot(request, 0, self.requests).unsqueeze(-1)
+            mean = (mean.view(-1, self.requests, 2) * chosen).sum(dim=1)
         if self.mean_tanh:
             mean = torch.tanh(mean)
         twist = torch.tanh(mean) if self.squash == "tanh" else torch.clamp(mean, -1.0, 1.0)
         twist = twist * self.scale + self.slowest  # from [-1, 1] to m/s from 0, and rad/s
-        return twist[:, 0], twist[:, 1], code, log_p, heard, answer
+        return twist[:, 0], twist[:, 1], request, log_p, heard, answer
 
     def listen(self, words):
         """(heard [..., 3], answer [..., 3], spoken [...]) of words [..., D]; silence is the zero vector."""
@@ -243,11 +243,11 @@ class Actor(nn.Module):
         said = spoken.unsqueeze(-1)
         return message[..., 1:] * said, torch.where(said > 0, answer, self.no_answer), spoken
 
-    def code_log_probabilities(self, features, counts):
-        """[B, codes]; where a code would not count it is none for certain."""
-        if self.codes == 1:
+    def request_log_probabilities(self, features, counts):
+        """[B, requests]; where a request would not count it is none for certain."""
+        if self.requests == 1:
             return torch.zeros_like(features[:, :1])
-        logits = self.code_head(features)
+        logits = self.request_head(features)
         others = logits[:, 1:].masked_fill((counts == 0).unsqueeze(-1), -1e9)
         return torch.log_softmax(torch.cat([logits[:, :1], others], dim=-1), dim=-1)
 
@@ -302,8 +302,8 @@ class Policy:
     def act(self, observation):
         """`Decision` for a dict of the contract's inputs. ValueError names an input that is missing or wrong."""
         tensors = self.tensors({name: self.check(name, observation)[None] for name in self.inputs})
-        v, w, code, log_p, heard, answer = (tensor.numpy()[0] for tensor in self._traced(*tensors))
-        return Decision(float(v), float(w), int(code), log_p, heard, answer)
+        v, w, request, log_p, heard, answer = (tensor.numpy()[0] for tensor in self._traced(*tensors))
+        return Decision(float(v), float(w), int(request), log_p, heard, answer)
 
     def understand(self, words):
         """(heard [3], answer [3]) of one sentence's vector [D]: see `Decision`."""
@@ -337,19 +337,19 @@ class Policy:
 
 
 def golden_error(policy, golden, outputs=None):
-    """(largest error, number of codes that differ) of outputs, by default the policy's own, from the recorded ones."""
+    """(largest error, number of requests that differ) of outputs, by default the policy's own, from the recorded ones."""
     if outputs is None:
         outputs = [tensor.numpy() for tensor in policy.actor(*policy.tensors(golden))]
     found = dict(zip(Decision._fields, outputs))
-    # A code that can't be chosen has -1e9 or so, in which only its size means something. numpy's max keeps a nan.
+    # A request that can't be chosen has -1e9 or so, in which only its size means something. numpy's max keeps a nan.
     error = np.max([
         np.abs(np.maximum(found[name], -1e6) - np.maximum(golden["out." + name], -1e6)).max()
         for name in Decision._fields
-        if name != "code"
+        if name != "request"
     ])  # fmt: skip
     best = np.sort(golden["out.log_p"], axis=-1)[:, ::-1]
     tied = best[:, 0] - best[:, 1] < TOLERANCE if best.shape[1] > 1 else np.zeros(len(best), bool)
-    return float(error), int(((found["code"] != golden["out.code"]) & ~tied).sum())
+    return float(error), int(((found["request"] != golden["out.request"]) & ~tied).sum())
 
 
 def selftest(bundle=HERE):
@@ -358,15 +358,15 @@ def selftest(bundle=HERE):
     for name in policy.contract["files"]:
         read_file(bundle, policy.contract, name)
     golden = load_arrays(bundle, policy.contract, "golden.npz")
-    batch, codes = golden_error(policy, golden)
+    batch, requests = golden_error(policy, golden)
     # The same once more, one by one, through all checks: what a robot calls.
     count = len(golden["out.v"])
     each = [policy.act({name: golden[name][i] for name in policy.inputs}) for i in range(count)]
     twists = np.array([[decision.v, decision.w] for decision in each])
     error = float(np.max([batch, np.abs(twists - np.stack([golden["out.v"], golden["out.w"]], axis=1)).max()]))
     where = "python %s, torch %s, numpy %s" % (sys.version.split()[0], torch.__version__, np.__version__)
-    said = "%d recorded inputs: largest error %.1e, %d codes differ (%s)" % (count, error, codes, where)
-    if not error <= TOLERANCE or codes:
+    said = "%d recorded inputs: largest error %.1e, %d requests differ (%s)" % (count, error, requests, where)
+    if not error <= TOLERANCE or requests:
         raise BundleError("selftest FAILED, %s; at most %g is right: do not drive with it" % (said, TOLERANCE))
     return "selftest passed, " + said
 
@@ -386,9 +386,11 @@ def torchscript(path, bundle=HERE):
     inputs = policy.tensors(golden)
     traced = torch.jit.trace(policy.actor, tuple(tensor[:1] for tensor in inputs))
     single = [traced(*(tensor[i : i + 1] for tensor in inputs)) for i in range(len(golden["out.v"]))]
-    error, codes = golden_error(policy, golden, [np.concatenate([t.numpy() for t in part]) for part in zip(*single)])
-    if not error <= TOLERANCE or codes:
-        raise BundleError("TorchScript differs by %.1e and in %d codes from golden.npz: not written" % (error, codes))
+    error, requests = golden_error(policy, golden, [np.concatenate([t.numpy() for t in part]) for part in zip(*single)])
+    if not error <= TOLERANCE or requests:
+        raise BundleError(
+            "TorchScript differs by %.1e and in %d requests from golden.npz: not written" % (error, requests)
+        )
     try:
         traced.save(path)
     except (OSError, RuntimeError) as error:
