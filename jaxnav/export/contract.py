@@ -29,7 +29,7 @@ def requests_of(agent):
 
 
 def hears_phrases(agent):
-    """Whether it understands sentences, not only codes."""
+    """Whether it understands sentences, not only messages by name."""
     return agent.vocabulary("test") is not None
 
 

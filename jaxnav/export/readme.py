@@ -21,7 +21,7 @@ def _facts(contract):
     if not contract["hearing"]:
         hears, heard = False, ": always None, this policy was trained deaf"
     return {
-        "summary": f"{encoder}, {'hears sentences' if hears else 'hears codes' if contract['hearing'] else 'deaf'}, "
+        "summary": f"{encoder}, {'hears sentences' if hears else 'hears messages by name' if contract['hearing'] else 'deaf'}, "
         f"{'asks people' if asks else 'says nothing'}",
         "talks": f", and may ask them to give way ({', '.join(asks)})" if asks else "",
         "scenes": ", ".join(contract["origin"]["config"]["world"]["scenes"]),

@@ -67,8 +67,8 @@ def read_phrases(path=PHRASES):
             )
         phrases.append(phrase)
     for split in SPLITS:
-        for code, message in enumerate(MESSAGES):
-            if not any(phrase.split == split and phrase.message == code for phrase in phrases):
+        for index, message in enumerate(MESSAGES):
+            if not any(phrase.split == split and phrase.message == index for phrase in phrases):
                 raise UserError(f"{path} has no phrase for {message!r} in split {split}: add one")
     return phrases
 

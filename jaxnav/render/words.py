@@ -27,31 +27,36 @@ _SHORT_MESSAGES = {STOP: "stop", RIGHT: "keep right", LEFT: "keep left"}
 
 
 class Utterance(NamedTuple):
-    """Something said: t, index of the first state that knows of it; speaker, "robot" or "pedestrian"; pedestrian, index
-    of the one who speaks or is spoken to; code, an index into `REQUESTS` or `MESSAGES`."""
+    """A request or message in an episode.
+
+    t:          index of the first state that knows of it.
+    speaker:    "robot" or "pedestrian".
+    pedestrian: index of the one who speaks or is spoken to.
+    said:       index into `REQUESTS` of what the robot says, into `MESSAGES` of what a pedestrian says.
+    """
 
     t: int
     speaker: str
     pedestrian: int
-    code: int
+    said: int
 
 
 def utterances(episode):
     """The requests and messages of an `Episode` in order of time: a list of `Utterance`."""
     said = []
     for speaker, field in (("robot", "request"), ("pedestrian", "message")):
-        codes = np.asarray(getattr(episode.states.encounters, field), dtype=int)
-        before = np.concatenate([np.zeros_like(codes[:1]), codes[:-1]])
-        for t, pedestrian in np.argwhere((codes != before) & (codes != NONE)):
-            said.append(Utterance(int(t), speaker, int(pedestrian), int(codes[t, pedestrian])))
+        indices = np.asarray(getattr(episode.states.encounters, field), dtype=int)
+        before = np.concatenate([np.zeros_like(indices[:1]), indices[:-1]])
+        for t, pedestrian in np.argwhere((indices != before) & (indices != NONE)):
+            said.append(Utterance(int(t), speaker, int(pedestrian), int(indices[t, pedestrian])))
     return sorted(said)
 
 
 def in_short(utterance, hearing=True):
     """A label of two to four words from the robot's point of view: "asks: stop", "hears: keep right"."""
     if utterance.speaker == "robot":
-        return f"asks: {_SHORT_REQUESTS[utterance.code]}"
-    return f"{'hears' if hearing else 'misses'}: {_SHORT_MESSAGES[utterance.code]}"
+        return f"asks: {_SHORT_REQUESTS[utterance.said]}"
+    return f"{'hears' if hearing else 'misses'}: {_SHORT_MESSAGES[utterance.said]}"
 
 
 def captions(episode, t, hearing=True):

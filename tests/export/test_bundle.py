@@ -51,18 +51,18 @@ def test_it_proves_itself_alone(copy):
 
 def test_its_readme_can_be_followed(copy):
     readme = (copy / "README.md").read_text()
-    request = re.search(r"<!-- try -->\n```python\n(.*?)```", readme, re.DOTALL)[1]
-    done = run(copy, "-c", ALONE + request)
+    example = re.search(r"<!-- try -->\n```python\n(.*?)```", readme, re.DOTALL)[1]
+    done = run(copy, "-c", ALONE + example)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert len(lines) == 5 and all(re.match(r"0\.\d\d m/s [+-]0\.\d\d rad/s request [0-3] ", line) for line in lines)
     # What it says of words.
-    request = readme.split("## 4. Words")[1].split("```python\n")[1].split("```")[0]
-    request += """
+    example = readme.split("## 4. Words")[1].split("```python\n")[1].split("```")[0]
+    example += """
 print(vector.shape, book.look_up("it is not known"), book.look_up("im in a HURRY"))
 print((book.look_up("STOP robot") == book.look_up("Stop, robot!")).all())
 """
-    done = run(copy, "-c", ALONE + request)
+    done = run(copy, "-c", ALONE + example)
     assert done.stdout == "(185,) None None\nTrue\n", done.stderr
     # What it says of a node, on messages as rospy's.
     names = {}
@@ -127,7 +127,7 @@ def nan_recorded(folder):
 
 
 def pickled(folder):
-    """A file of weights whose loading would run request."""
+    """A file of weights whose loading would run a program."""
     np.savez(folder / "weights.npz", a=np.array([os.system], object), allow_pickle=True)
     edit(folder, lambda c: c["files"].update({"weights.npz": hash_of(folder / "weights.npz")}))
 

@@ -62,25 +62,25 @@ def run(python, folder, *arguments):
 def test_selftest(name, jetson, bundles):
     said = run_policy(bundles(name)[2], jetson, "--selftest")
     assert "python 3.6." in said and "torch 1.10.2" in said and "numpy 1.19.5" in said
-    assert float(re.search(r"error (\S+), 0 codes", said)[1]) <= 1e-5
+    assert float(re.search(r"error (\S+), 0 requests", said)[1]) <= 1e-5
 
 
 def test_the_readme_can_be_followed(jetson, bundles):
     folder = bundles("lidar")[2]
-    code = re.search(r"<!-- try -->\n```python\n(.*?)```", (folder / "README.md").read_text(), re.DOTALL)[1]
-    assert len(run(jetson, folder, "-W", "error", "-c", code).splitlines()) == 5
+    example = re.search(r"<!-- try -->\n```python\n(.*?)```", (folder / "README.md").read_text(), re.DOTALL)[1]
+    assert len(run(jetson, folder, "-W", "error", "-c", example).splitlines()) == 5
 
 
 _ONNX = """
 import numpy as np, onnxruntime
 session = onnxruntime.InferenceSession("policy.onnx", providers=["CPUExecutionProvider"])
-golden, worst, codes = np.load("golden.npz"), 0.0, 0
+golden, worst, requests = np.load("golden.npz"), 0.0, 0
 for i in range(128):
     feed = {entry.name: NAMES(golden, entry.name)[i:i+1].astype(np.float32) for entry in session.get_inputs()}
-    v, w, code = session.run(["v", "w", "code"], feed)
+    v, w, request = session.run(["v", "w", "request"], feed)
     worst = max(worst, abs(v[0] - golden["out.v"][i]), abs(w[0] - golden["out.w"][i]))
-    codes += code[0] != golden["out.code"][i]
-print(onnxruntime.__version__, worst, codes)
+    requests += request[0] != golden["out.request"][i]
+print(onnxruntime.__version__, worst, requests)
 """
 
 
@@ -97,10 +97,10 @@ def test_onnx_and_torchscript(name, jetson, bundles, tmp_path):
             "lambda golden, name, made=[]: (made or made.append(__import__('policy').Policy()) or made)[0]"
             ".tensors({k: golden[k] for k in made[0].inputs})[0].numpy() if name == 'maps' else golden[name]"
         )
-    version, worst, codes = run(jetson, folder, "-c", f"NAMES = {maps}\n{_ONNX}").split()
-    assert version == "1.10.0" and float(worst) <= 1e-4 and int(codes) == 0
+    version, worst, requests = run(jetson, folder, "-c", f"NAMES = {maps}\n{_ONNX}").split()
+    assert version == "1.10.0" and float(worst) <= 1e-4 and int(requests) == 0
     formats.add_torchscript(folder, jetson)
-    code = """
+    program = """
 import torch
 from policy import HERE, Policy, golden_error, load_arrays
 policy = Policy()
@@ -109,14 +109,14 @@ loaded, inputs = torch.jit.load("policy.pt"), policy.tensors(golden)
 rows = [loaded(*[tensor[i : i + 1] for tensor in inputs]) for i in range(128)]
 print(*golden_error(policy, golden, [torch.cat(part).numpy() for part in zip(*rows)]))
 """
-    error, codes = run(jetson, folder, "-c", code).split()
-    assert float(error) <= 1e-5 and codes == "0"
+    error, requests = run(jetson, folder, "-c", program).split()
+    assert float(error) <= 1e-5 and requests == "0"
 
 
 def test_it_navigates(jetson, bundles):
     """The runtime itself, on the robot's numpy: everything that may go wrong, a thousand times, and no exception."""
     folder = bundles("lidar")[2]
-    code = """
+    program = """
 import numpy as np
 from navigator import Mount, Navigator, Scan
 navigator = Navigator(mount=Mount(x=0.1, yaw=3.0, upside_down=True))
@@ -134,7 +134,7 @@ for i in range(1000):
     moved += command.v > 0
 print(moved)
 """
-    assert 200 < int(run(jetson, folder, "-c", code)) < 950
+    assert 200 < int(run(jetson, folder, "-c", program)) < 950
 
 
 def test_damage_is_named_there_too(jetson, bundles, tmp_path):

@@ -22,32 +22,32 @@ _SILENT = {"request": 0, "message": 0, "reply": 0, "utterance": 0, "is_open": Fa
 def test_utterances_are_the_changes_from_silence(find):
     for speaker, field in (("robot", "request"), ("pedestrian", "message")):
         episode = find(speaker=speaker)
-        codes = getattr(episode.states.encounters, field)[:, 0]
+        indices = getattr(episode.states.encounters, field)[:, 0]
         said = [utterance for utterance in utterances(episode) if utterance.speaker == speaker]
         assert len(said) == 1
-        assert codes[said[0].t] == said[0].code != 0
-        assert said[0].t == 0 or codes[said[0].t - 1] == 0
+        assert indices[said[0].t] == said[0].said != 0
+        assert said[0].t == 0 or indices[said[0].t - 1] == 0
 
 
 def test_what_is_said_before_the_first_step_counts(episodes):
     said = utterances(_with(episodes[0], **_SILENT | {"message": 2}))
-    assert [(u.t, u.speaker, u.code) for u in said] == [(0, "pedestrian", 2)]
+    assert [(u.t, u.speaker, u.said) for u in said] == [(0, "pedestrian", 2)]
 
 
-@pytest.mark.parametrize("code", [1, 2, 3])
-def test_every_request_and_message_has_words_of_its_own(episodes, code):
-    asked = _with(episodes[0], **_SILENT | {"request": code, "reply": 1})
+@pytest.mark.parametrize("index", [1, 2, 3])
+def test_every_request_and_message_has_words_of_its_own(episodes, index):
+    asked = _with(episodes[0], **_SILENT | {"request": index, "reply": 1})
     (who, request), (answerer, answer) = captions(asked, 2)
     assert (who, answerer) == ("robot", "pedestrian")
-    assert request == f'Robot: "{REQUEST_SENTENCES[code]}"'
-    hand = REQUESTS[code].removeprefix("margin-")
+    assert request == f'Robot: "{REQUEST_SENTENCES[index]}"'
+    hand = REQUESTS[index].removeprefix("margin-")
     assert hand in request
     assert answer.startswith("Pedestrian agrees:")
     assert hand in answer
 
-    ((who, message),) = captions(_with(episodes[0], **_SILENT | {"message": code}), 2)
+    ((who, message),) = captions(_with(episodes[0], **_SILENT | {"message": index}), 2)
     assert who == "pedestrian"
-    assert MESSAGES[code].removeprefix("robot ") in message
+    assert MESSAGES[index].removeprefix("robot ") in message
 
 
 def test_refusal_small_talk_meeting_and_silence(episodes):

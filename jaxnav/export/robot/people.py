@@ -58,7 +58,7 @@ class Person:
             self.words, self.fleeting = words, True
 
     @property
-    def vocabulary(self):
+    def spoken(self):
         return self.message != 0 or bool(self.words.any())
 
     @property

@@ -14,12 +14,12 @@ from sides import has_words, key_of, without_side
 
 
 class Phrasebook:
-    """The phrases of a bundle. BundleError: it is damaged, or its policy hears codes and no words."""
+    """The phrases of a bundle. BundleError: it is damaged, or its policy hears messages by name and no words."""
 
     def __init__(self, bundle=HERE):
         contract = load_contract(bundle)
         if contract["language"] is None:
-            raise BundleError("this policy hears codes, no words: give Navigator.step one of its messages by name")
+            raise BundleError("this policy hears messages by name, no words: give Navigator.step one of its messages by name")
         self.dimensions = contract["language"]["dimensions"]
         self._table = load_arrays(bundle, contract, "embeddings.npz")
         text = read_file(bundle, contract, "phrases.csv").decode("utf-8")
