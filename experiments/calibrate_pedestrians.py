@@ -1,6 +1,6 @@
 """Calibrates IRVO pedestrians by gradient descent through the world: on walkers it simulates, or on recorded people.
 
-python experiments/calibrate_pedestrians.py --help
+python -m experiments.calibrate_pedestrians --help
 """
 
 import contextlib
@@ -14,8 +14,8 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 from rich.progress import Progress
-from scene_study import RESULTS, make_folder
 
+from experiments.study import RESULTS, make_folder
 from jaxnav.errors import UserError, remedy
 from jaxnav.world.types import MAX_PEDESTRIANS
 
@@ -106,7 +106,7 @@ def main(arguments=None):
     """Entry point. Exits with 2 after an error that the user can mend."""
     try:
         options = tyro.cli(
-            _Commands, args=arguments, description=__doc__, prog="python experiments/calibrate_pedestrians.py"
+            _Commands, args=arguments, description=__doc__, prog="python -m experiments.calibrate_pedestrians"
         )
         make_folder(options.out)
         run = _simulated if isinstance(options, Simulated) else _eth
@@ -117,7 +117,7 @@ def main(arguments=None):
 
 
 def _simulated(options, console):
-    from calibration import figures, recovery
+    from experiments.calibration import figures, recovery
 
     started = time.monotonic()
     with _progress(console, options.truths * options.steps, f"fitting {options.truths} truths") as report:
@@ -137,7 +137,7 @@ def _simulated(options, console):
 
 
 def _eth(options, console):
-    from calibration import comparison, eth, figures, windows
+    from experiments.calibration import comparison, eth, figures, windows
 
     started = time.monotonic()
     recording = eth.read(options.data, *(_beside(options.data, kind) for kind in ("destinations", "groups")))

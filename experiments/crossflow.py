@@ -1,6 +1,6 @@
 """What brings hybrid SAC nearer to the planner in crossflow, the scene in which it is furthest behind.
 
-python experiments/crossflow.py --help
+python -m experiments.crossflow --help
 """
 
 import dataclasses
@@ -9,11 +9,11 @@ import pathlib
 import time
 from typing import NamedTuple
 
-import cells
-import scene_study
-from paired import packed, pair
 from rich.console import Console
 
+from experiments import study as scene_study
+from experiments.paired import packed, pair
+from experiments.tables import methods as cells
 from jaxnav.errors import UserError
 from jaxnav.training.dataclass_json import differences, to_json
 from jaxnav.training.provenance import provenance

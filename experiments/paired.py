@@ -4,7 +4,8 @@ import base64
 import math
 
 import numpy as np
-import over_seeds
+
+from experiments import over_seeds
 
 
 def packed(arrived):

@@ -1,6 +1,6 @@
 """What a robot is worth outside of the world it was trained in: other people, noise, crowds and delay.
 
-python experiments/robustness.py --help
+python -m experiments.robustness --help
 """
 
 import dataclasses
@@ -11,9 +11,9 @@ import time
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scene_study
 from rich.console import Console
 
+from experiments import study as scene_study
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
 from jaxnav.training.config import preset, resolve

@@ -1,6 +1,6 @@
 """What each trick of the learner is worth: time to 0.95 in the parity suite, and success in three hard scenes.
 
-python experiments/tricks.py --help
+python -m experiments.tricks --help
 """
 
 import dataclasses
@@ -10,10 +10,10 @@ import time
 
 import jax
 import numpy as np
-import scene_study
-import tune
 from rich.console import Console
 
+from experiments import study as scene_study
+from experiments.tables import tune
 from jaxnav.errors import UserError
 from jaxnav.training.config import make_agent, preset, resolve
 from jaxnav.training.dataclass_json import differences, to_json

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from calibration.windows import Windows
+
+from experiments.calibration.windows import Windows
 
 
 @pytest.fixture(scope="session")

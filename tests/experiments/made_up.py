@@ -3,8 +3,7 @@
 import functools
 import itertools
 
-import over_seeds
-
+from experiments import over_seeds
 from jaxnav.world import SUITES
 
 LEARNT = ("A2C", "TD3", "PPO", "HSAC-LLM")

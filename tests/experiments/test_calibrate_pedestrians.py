@@ -4,12 +4,13 @@ import json
 import os
 import pathlib
 
-import calibrate_pedestrians
 import cv2
 import numpy as np
 import pytest
-from calibration import comparison, eth, measures, recovery, windows
-from calibration.model import Behaviour
+
+from experiments import calibrate_pedestrians
+from experiments.calibration import comparison, eth, measures, recovery, windows
+from experiments.calibration.model import Behaviour
 
 DATA = os.environ.get("JAXNAV_DATA")
 

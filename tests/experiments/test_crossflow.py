@@ -2,11 +2,11 @@
 
 import json
 
-import cells
-import crossflow as program
 import numpy as np
 import pytest
 
+from experiments import crossflow as program
+from experiments.tables import methods as cells
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from calibration import eth
 
+from experiments.calibration import eth
 from jaxnav.errors import UserError
 
 

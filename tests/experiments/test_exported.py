@@ -2,9 +2,10 @@
 
 import json
 
-import exported as program
 import numpy as np
 import pytest
+
+from experiments.exporting import exported as program
 
 PARITY = {"states": 100, "v": 2e-7, "w": 6e-7, "codes": 0, "ties": 1, "replays": [{"error": 5e-7, "where": "here"}]}
 

@@ -3,11 +3,11 @@
 import itertools
 
 import cv2
-import figure as table_figure
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+from experiments.tables import figure as table_figure
 from jaxnav.render import palette
 from jaxnav.world import SUITES
 

@@ -3,12 +3,12 @@
 import json
 from types import SimpleNamespace
 
-import language as program
-import language_report
 import numpy as np
 import pytest
-import scene_study
 
+from experiments import study as scene_study
+from experiments.language import report as language_report
+from experiments.language import understanding as program
 from jaxnav.language.phrases import SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.training.config import preset

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from calibration import measures
-from calibration.model import Behaviour, Setting
 from scipy import stats
+
+from experiments.calibration import measures
+from experiments.calibration.model import Behaviour, Setting
 
 SETTING = Setting()
 

@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from calibration import model, simulated
-from calibration.model import Behaviour, Setting
+
+from experiments.calibration import model, simulated
+from experiments.calibration.model import Behaviour, Setting
 
 TRUTH = Behaviour(1.1, 1.6, 2.5, 0.2)
 PAIR = Setting(neighbors=1)

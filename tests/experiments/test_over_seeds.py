@@ -3,12 +3,12 @@
 import itertools
 
 import numpy as np
-import over_seeds
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, bootstrap, trim_mean
 
+from experiments import over_seeds
 from jaxnav.training.evaluation import wilson_interval
 
 from .made_up import scenes

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from paired import packed, pair
+
+from experiments.paired import packed, pair
 
 
 def test_pairs_are_of_the_same_seeds_and_episodes():

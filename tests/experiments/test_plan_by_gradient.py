@@ -3,13 +3,12 @@
 import json
 
 import cv2
-import gradient_plans
 import jax
 import jax.numpy as jnp
 import numpy as np
-import plan_by_gradient
 import pytest
 
+from experiments.planning import gradient_plans, plan_by_gradient
 from jaxnav.agents.scripted import straight_line
 from jaxnav.training.rollout import play
 from jaxnav.world import Action, Params, World, WorldConfig

@@ -3,11 +3,11 @@
 import itertools
 
 import numpy as np
-import over_seeds
 import pytest
-import report
 from scipy.stats import trim_mean
 
+from experiments import over_seeds
+from experiments.tables import report
 from jaxnav.training.evaluation import wilson_interval
 from jaxnav.world import SUITES
 

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import robustness as program
-import tricks
 from matplotlib.figure import Figure
+
+from experiments import robustness as program
+from experiments import tricks
 
 SCENES = ("square", "hallway", "crosswalk")
 

@@ -5,17 +5,13 @@ import json
 import shutil
 from types import SimpleNamespace
 
-import cells
-import figure
 import jax
 import numpy as np
 import pytest
-import table1
-import table2
-import table3
-import tables
-import tune
 
+from experiments.tables import figure, table1, table2, table3, tune
+from experiments.tables import methods as cells
+from experiments.tables import table as tables
 from jaxnav.training import evaluation
 from jaxnav.training.config import preset
 from jaxnav.training.dataclass_json import to_json
@@ -315,7 +311,7 @@ def test_an_algorithm_without_codes_is_refused_for_table_2(run, capsys, monkeypa
 
 def test_untuned_algorithms_are_named(run, capsys):
     cells.TUNED.unlink()
-    assert "python experiments/tune.py" in refused(run, capsys, table1)
+    assert "python -m experiments.tables.tune" in refused(run, capsys, table1)
 
 
 def test_draws_of_tuning_stay_in_their_ranges():

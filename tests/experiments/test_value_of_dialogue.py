@@ -5,8 +5,9 @@ import json
 import cv2
 import numpy as np
 import pytest
-import scene_study
-import value_of_dialogue as program
+
+from experiments import study as scene_study
+from experiments.planning import value_of_dialogue as program
 
 FILES = ("value_of_dialogue.json", "value_of_dialogue.md", "value_of_dialogue.png")
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from calibration import windows
-from calibration.eth import Recording
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiments.calibration import windows
+from experiments.calibration.eth import Recording
 from jaxnav.errors import UserError
 
 OBSERVE, PREDICT = 4, 3

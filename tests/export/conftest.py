@@ -4,10 +4,10 @@ import contextlib
 import dataclasses
 import os
 
-import exported
 import pytest
 import torch
 
+from experiments.exporting import exported
 from jaxnav.agents.encoders import PARTS
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
@@ -15,7 +15,7 @@ from jaxnav.export.modules import modules
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.run import Run
 
-# Every encoder, head, language, learner and kind of twist at least once; experiments/exported.py has all combinations.
+# Every encoder, head, language, learner and kind of twist at least once; experiments/exporting/exported.py has all combinations.
 CONFIGURATIONS = {
     "lidar": ("hsac", {"encoder": "lidar"}, {}),
     "approach": (

@@ -4,11 +4,10 @@ import dataclasses
 import math
 from types import SimpleNamespace
 
-import exported
-import navigated
 import numpy as np
 import pytest
 
+from experiments.exporting import exported, navigated
 from jaxnav.training.config import resolve
 from jaxnav.training.run import Run
 

@@ -3,11 +3,11 @@
 import ast
 import json
 
-import exported
 import jax
 import numpy as np
 import pytest
 
+from experiments.exporting import exported
 from jaxnav.export.bundle import GOLDEN, ROBOT
 from jaxnav.export.reference import Reference
 from jaxnav.language import sides

@@ -5,13 +5,12 @@ import itertools
 import json
 import math
 
-import exported
-import navigated
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiments.exporting import exported, navigated
 from jaxnav.export.modules import modules
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.run import Run

@@ -1,6 +1,6 @@
 """How well unheard sentences can be understood from embeddings: encoders, layers, heads, with and without sides.
 
-python experiments/ears.py --help
+python -m experiments.language.held_out_patterns --help
 """
 
 import dataclasses
@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-import scene_study
 import tyro
 from rich.progress import track
 
+from experiments import study as scene_study
 from jaxnav.errors import UserError
 from jaxnav.language.encoders import MiniLM, WordLlama
 from jaxnav.language.phrases import KINDS, read_phrases
@@ -127,7 +127,7 @@ def study(options):
             "accuracy": float((found == meant).mean()), "sides_confused": float((sided & (found != meant)).mean()),
             "kinds": {k: float((found == meant)[kind == k].mean()) for k in KINDS},
         }  # fmt: skip
-    result = {"command": "python experiments/ears.py", "folds": options.folds, **provenance(), "rows": rows}
+    result = {"command": "python -m experiments.language.held_out_patterns", "folds": options.folds, **provenance(), "rows": rows}
     (options.out / "ears.json").write_text(json.dumps(result, indent=1) + "\n")
     (options.out / "ears.md").write_text(table(result))
     return result
@@ -148,7 +148,7 @@ def table(result):
 def main(arguments=None):
     """Entry point; exits with 2 after an error that the user can mend."""
     try:
-        print(table(study(tyro.cli(Options, args=arguments, prog="python experiments/ears.py"))), end="")
+        print(table(study(tyro.cli(Options, args=arguments, prog="python -m experiments.language.held_out_patterns"))), end="")
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -1,6 +1,6 @@
 """Steering by gradient: twist sequences optimised through the world, beside scripted robots, in every scene.
 
-python experiments/plan_by_gradient.py --help
+python -m experiments.planning.plan_by_gradient --help
 """
 
 import dataclasses
@@ -11,10 +11,10 @@ import pathlib
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scene_study
-from gradient_plans import plan
 from matplotlib.figure import Figure
 
+from experiments import study as scene_study
+from experiments.planning.gradient_plans import plan
 from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
 from jaxnav.render import palette
@@ -26,7 +26,8 @@ PROGRAM = "plan_by_gradient"
 BLOCK = 50  # episodes planned at once
 PLAN, STARTS = "plan by gradient", "best of its starts"
 SCRIPTED = {
-    "planner, talking": (planner, DialogueAbility(True, True)), "planner, silent and deaf": (planner, DialogueAbility(False, False)),
+    "planner, talking": (planner, DialogueAbility(True, True)),
+    "planner, silent and deaf": (planner, DialogueAbility(False, False)),
     "ORCA": (orca_robot, None), "straight line": (straight_line, None),
 }  # fmt: skip
 ROBOTS = (PLAN, STARTS, *SCRIPTED)

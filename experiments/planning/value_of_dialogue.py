@@ -1,6 +1,6 @@
 """What words are worth: a planner that uses the dialogue beside its deaf and its muted twin, in every scene.
 
-python experiments/value_of_dialogue.py --help
+python -m experiments.planning.value_of_dialogue --help
 """
 
 import dataclasses
@@ -9,8 +9,8 @@ import pathlib
 
 import jax
 import jax.numpy as jnp
-import scene_study
 
+from experiments import study as scene_study
 from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.training.evaluation import episode_keys, wilson_interval
 from jaxnav.training.rollout import play

@@ -1,6 +1,6 @@
 """What people's words are worth to a learnt robot: how well it understands them, and what a misunderstanding costs.
 
-python experiments/language.py --help
+python -m experiments.language.understanding --help
 """
 
 import dataclasses
@@ -8,15 +8,15 @@ import math
 import pathlib
 import time
 
-import cells
 import jax
 import jax.numpy as jnp
-import language_report
 import numpy as np
-import scene_study
-from language_report import HEARD, MAIN
 from rich.console import Console
 
+from experiments import study as scene_study
+from experiments.language import report as language_report
+from experiments.language.report import HEARD, MAIN
+from experiments.tables import methods as cells
 from jaxnav.errors import UserError
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table

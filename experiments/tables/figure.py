@@ -3,7 +3,8 @@
 import itertools
 
 import numpy as np
-from report import NAMES, Grid
+
+from experiments.tables.report import NAMES, Grid
 
 # The end at which methods differ is drawn larger: each doubling of failures is as long, but below a hundredth.
 STRETCHED = {

@@ -1,12 +1,11 @@
 """Table II: two requests, none and stop, against four.
 
-python experiments/table2.py --help
+python -m experiments.tables.table2 --help
 """
 
 import dataclasses
 
-import tables
-
+from experiments.tables import table as tables
 from jaxnav.errors import UserError
 from jaxnav.training.config import ALGORITHMS
 

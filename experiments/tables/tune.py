@@ -1,6 +1,6 @@
 """The same tuning budget for every algorithm: a random search over its floats, all trials trained at once.
 
-python experiments/tune.py --help
+python -m experiments.tables.tune --help
 """
 
 import dataclasses
@@ -8,11 +8,11 @@ import json
 import pathlib
 import time
 
-import cells
 import numpy as np
-import scene_study
 from rich.console import Console
 
+from experiments import study as scene_study
+from experiments.tables import methods as cells
 from jaxnav.errors import UserError
 from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve
 from jaxnav.training.dataclass_json import differences, to_json
@@ -131,7 +131,7 @@ def study(options):
     scene_study.make_folder(options.out)
     path, console = options.out / f"{PROGRAM}.json", Console(stderr=True, soft_wrap=True)
     identity = {"trials": options.trials, "seed": options.seed, "scenes": list(SCENES), "steps": STEPS}
-    result = {"command": "python experiments/tune.py", **identity, "algorithms": {}}
+    result = {"command": "python -m experiments.tables.tune", **identity, "algorithms": {}}
     result["algorithms"] = scene_study.stored(path, identity, "algorithms", {})
     for algo, found in result["algorithms"].items():
         base = preset("quick", algo)

@@ -6,8 +6,7 @@ A result is what tables.py writes, a dict: `table`, `rows` (a scene, method and 
 import dataclasses
 import itertools
 
-from over_seeds import REACHED, suite_iqm
-
+from experiments.over_seeds import REACHED, suite_iqm
 from jaxnav.world import SCENES, SUITES
 
 TITLES = {"table1": "Methods", "table2": "Two codes against four", "table3": "With and without language, and muted"}

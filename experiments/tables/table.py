@@ -9,15 +9,14 @@ import json
 import pathlib
 import time
 
-import cells
-import figure
 import jax
 import numpy as np
-import report
-import scene_study
-from paired import packed, pair
 from rich.console import Console
 
+from experiments import study as scene_study
+from experiments.paired import packed, pair
+from experiments.tables import figure, report
+from experiments.tables import methods as cells
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
 from jaxnav.training.config import PRESETS

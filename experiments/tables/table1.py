@@ -1,9 +1,9 @@
 """Table I: methods x scenes, with the paper's steps and with more.
 
-python experiments/table1.py --help
+python -m experiments.tables.table1 --help
 """
 
-import tables
+from experiments.tables import table as tables
 
 METHODS = ("HSAC", "TD3", "PPO", "A2C")
 

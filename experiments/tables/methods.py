@@ -8,9 +8,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import over_seeds
-import scene_study
 
+from experiments import over_seeds
+from experiments import study as scene_study
 from jaxnav.agents.networks import message_codes
 from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
@@ -75,7 +75,7 @@ def tuned_hyperparameters(algo):
     try:
         return json.loads(TUNED.read_text())["algorithms"][algo]["best"]
     except (OSError, ValueError, KeyError) as error:
-        raise UserError(f"{TUNED} says nothing of {algo} ({error!r}): run python experiments/tune.py") from None
+        raise UserError(f"{TUNED} says nothing of {algo} ({error!r}): run python -m experiments.tables.tune") from None
 
 
 def configuration(method, scenes, env_steps):

@@ -1,6 +1,6 @@
 """Does an exported policy do what the trained one does, and is its safety layer any good?
 
-python experiments/exported.py --help
+python -m experiments.exporting.exported --help
 """
 
 import dataclasses
@@ -16,11 +16,11 @@ import time
 
 import jax
 import jax.numpy as jnp
-import navigated
 import numpy as np
-import scene_study
 from rich.console import Console
 
+from experiments import study as scene_study
+from experiments.exporting import navigated
 from jaxnav.agents.encoders import ENCODERS, PARTS
 from jaxnav.agents.hsac import HEADS, LANGUAGES
 from jaxnav.errors import UserError

@@ -1,10 +1,10 @@
 """Table III: with and without language, the half of it that is hearing, the same robot muted, and one that is told what
 is meant instead of hearing it said.
 
-python experiments/table3.py --help
+python -m experiments.tables.table3 --help
 """
 
-import tables
+from experiments.tables import table as tables
 
 METHODS = ("HSAC", "HSAC muted", "HSAC told what is meant", "HSAC that only hears", "HSAC without language")
 PAIRS = [("HSAC", other) for other in METHODS[1:]] + [("HSAC that only hears", "HSAC without language")]

@@ -1,0 +1,1 @@
+"""Exported policies beside those in JAX."""

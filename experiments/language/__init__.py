@@ -1,0 +1,1 @@
+"""What people's sentences are worth, and how well they are understood."""
