@@ -25,11 +25,6 @@ ROOMS = (
     "export",
     "adapters",
     "talk",
-    "terminal",
-    "command",
-    "cli_language",
-    "cli_export",
-    "cli_sweep",
     "cli",
 )
 

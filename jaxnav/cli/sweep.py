@@ -1,12 +1,9 @@
-"""The command line of sweeps: jaxnav sweep, and what jaxnav train --from-sweep takes from one."""
+"""jaxnav sweep: a search for hyperparameters."""
 
 import contextlib
 import dataclasses
-import fcntl
-import json
 import pathlib
 import time
-import uuid
 from typing import Annotated, Literal
 
 import jax
@@ -15,11 +12,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from .command import enable_compilation_cache, parse
-from .errors import UserError, remedy
-from .training.config import TrainConfig, run_from_json
-from .training.dataclass_json import differences
-from .training.provenance import provenance
+from ..errors import UserError
+from .options import enable_compilation_cache, parse
 
 _SHOWN = 8  # trials in the live table
 
@@ -49,8 +43,7 @@ class _Options:
     report: str = ""
 
 
-def sweep(arguments):
-    """jaxnav sweep."""
+def command(arguments):
     if any(argument.partition("=")[0] == "--report" for argument in arguments):
         options = parse(_Options, arguments, "sweep")
         if dataclasses.replace(options, report="") != _Options():
@@ -61,13 +54,14 @@ def sweep(arguments):
             raise UserError("give the Python file that declares a sweep, before all options")
         parse(_Options, arguments, "sweep")
         return None
-    return _sweep(arguments[0], arguments)
+    return _search(arguments[0], arguments)
 
 
-def _sweep(file, arguments):
-    from .sweep import search, spec
-    from .sweep.engines import Local, OnRay
-    from .sweep.store import Store
+def _search(file, arguments):
+    from ..sweep import search, spec
+    from ..sweep.engines import Local, OnRay
+    from ..sweep.folder import alone, checked, keep
+    from ..sweep.store import Store
 
     declared = spec.load(file)
     fields = [
@@ -88,14 +82,14 @@ def _sweep(file, arguments):
     enable_compilation_cache()
     name = pathlib.Path(file).stem
     folder = pathlib.Path(options.out or f"runs/sweeps/{name}")
-    kept = _checked(folder, name, found, options)
+    kept = checked(folder, name, found, options.storage, options.resume)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     # What others have to answer comes first: nothing is written if they don't.
     populations = found.populations * len(found.combinations)
     with contextlib.closing(OnRay(options.address, populations) if options.engine == "ray" else Local()) as engine:
         store = Store(folder, kept["studies"], options.storage) if options.storage else None
-        _keep(folder, kept)
-        with _alone(folder):
+        keep(folder, kept)
+        with alone(folder):
             store = store or Store(folder, kept["studies"], mend=True)
             console.print(f"sweep {name} in {folder}: {found.trials} trials in populations of {found.members}")
             with _shown(found, console) as show:
@@ -103,92 +97,17 @@ def _sweep(file, arguments):
     return _report(folder)
 
 
-def _checked(folder, name, found, options):
-    """What sweep.json is to say. UserError: the folder holds something else than what is asked for."""
-    path = folder / "sweep.json"
-    # In a database there may be other sweeps of the same name.
-    studies = f"{name}-{uuid.uuid4().hex[:8]}" if options.storage else name
-    budget = {field: getattr(found, field) for field in ("trials", "confirm", "seeds")}
-    value = {"name": name, "storage": options.storage, "identity": found.identity()}
-    value = json.loads(json.dumps(value))
-    if options.resume:
-        before = _read(path, "--resume starts nothing: leave it out to start one")
-        changed = differences({n: before[n] for n in value}, value)
-        if changed:
-            raise UserError(
-                f"--out {folder} holds another sweep ({', '.join(changed[:5])} differ): give the same values to resume "
-                "it, or another --out"
-            )
-        return before | {"budget": budget}
-    if path.exists():
-        raise UserError(f"--out {folder} already holds a sweep: go on with --resume, or give another --out")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UserError(f"--out {folder} is not an empty folder: give another --out")
-    return value | {"studies": studies, "budget": budget, "runs": []}
-
-
-def _keep(folder, kept):
-    """Write sweep.json, with this start among its runs: what is said of each was true of it."""
-    path, runs = folder / "sweep.json", list(kept["runs"])
-    runs += [found for found in [provenance()] if found not in runs]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        whole = path.with_suffix(".tmp")
-        whole.write_text(json.dumps(kept | {"runs": runs}, indent=1) + "\n")
-        whole.replace(path)
-    except OSError as error:
-        raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
-
-
-@contextlib.contextmanager
-def _alone(folder):
-    """UserError: another process runs the sweep of this folder; one that was killed does no longer."""
-    with open(folder / "sweep.lock", "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise UserError(f"--out {folder} is the sweep of a process that still runs: stop it first") from None
-        yield
-
-
-def _read(path, otherwise):
-    try:
-        return json.loads(path.read_text())
-    except FileNotFoundError:
-        raise UserError(f"{path.parent} holds no sweep: {otherwise}") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path} can't be read ({error}): search anew with another --out") from error
-
-
 def _report(folder):
-    from .sweep import report
-    from .sweep.results import PHASES, Results
-    from .sweep.store import Store
+    from ..sweep import report
+    from ..sweep.folder import read
+    from ..sweep.results import PHASES, Results
+    from ..sweep.store import Store
 
-    kept = _read(folder / "sweep.json", "give the folder of one")
+    kept = read(folder / "sweep.json", "give the folder of one")
     store = Store(folder, kept["studies"], kept["storage"])
     phases = {phase: store.trials(phase) for phase in PHASES}
     report.write(Results(kept["name"], kept["identity"], kept["budget"], phases, kept["runs"]), folder)
     print((folder / "summary.md").read_text(), end="")
-
-
-def winner(folder):
-    """The `RunConfig` of a sweep's winner. UserError: there is none yet."""
-    from .sweep.spec import put
-
-    folder = pathlib.Path(folder)
-    kept = _read(folder / "sweep.json", "give the folder of one to --from-sweep")
-    summary = _read(folder / "summary.json", f"it isn't done: go on with jaxnav sweep FILE --resume --out {folder}")
-    if summary["winner"] is None or summary["budget"] != kept["budget"]:
-        raise UserError(
-            f"--from-sweep {folder} has no winner yet: go on with jaxnav sweep FILE --resume --out {folder}"
-        )
-    base = kept["identity"]["base"]
-    train = base["train"] | {"checkpoint_seconds": TrainConfig().checkpoint_seconds}  # of the machine, not of the sweep
-    config = run_from_json(base | {"out": "", "resume": False, "train": train})
-    for name, value in summary["winner"]["values"].items():
-        config = put(config, name, tuple(value) if isinstance(value, list) else value)
-    return config
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""The command jaxnav export: a run's policy as a folder for a robot, and the check of such a folder."""
+"""jaxnav export: a run's policy as a folder for a robot, and the check of such a folder."""
 
 import dataclasses
 import functools
@@ -9,8 +9,8 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from .command import check_policy, enable_compilation_cache, parse
-from .errors import UserError
+from ..errors import UserError
+from .options import check_policy, enable_compilation_cache, parse
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,14 +38,13 @@ class _ExportOptions:
     verify: str = ""
 
 
-def export(arguments):
-    """jaxnav export."""
+def command(arguments):
     options = parse(_ExportOptions, arguments, "export")
     check_policy(options.policy)
     if options.verify:
         if options.run or options.out or options.onnx or options.torchscript:
             raise UserError("--verify checks a bundle and writes nothing: give it alone")
-        from .export.verify import verify
+        from ..export.verify import verify
 
         with Console(stderr=True).status("verifying"):
             said = verify(options.verify)
@@ -53,8 +52,8 @@ def export(arguments):
         return
     if not options.run:
         raise UserError("no run is given: jaxnav export RUN, or jaxnav export --verify BUNDLE")
-    from .export import bundle, formats
-    from .training.run import Run
+    from ..export import bundle, formats
+    from ..training.run import Run
 
     folder = pathlib.Path(options.out or pathlib.Path(options.run) / "bundle")
     own = not options.out
@@ -73,8 +72,8 @@ def export(arguments):
 
 def write(run, actor, policy, folder, replace=True, add=()):
     """Write the bundle of a run's policy, with what its folder knows of where it comes from."""
-    from .export.bundle import write_bundle
-    from .export.contract import origin_of
+    from ..export.bundle import write_bundle
+    from ..export.contract import origin_of
 
     stored, evaluation = (_read(run.folder / name) for name in ("config.json", "evaluation.json"))
     if evaluation and evaluation.get("policy") != policy:

@@ -1,4 +1,4 @@
-"""What the commands share: options from the command line, checks, and the cache of compiled programs."""
+"""Shared by the commands: parsing and checking options, and the cache of compiled programs."""
 
 import contextlib
 import io
@@ -9,7 +9,9 @@ import re
 
 import tyro
 
-from .errors import UserError
+from ..errors import UserError
+
+EPISODES = 500  # of each scene, in evaluations unless asked for otherwise
 
 
 def parse(cls, arguments, command, description=None, default=tyro.MISSING_NONPROP):
@@ -47,3 +49,14 @@ def enable_compilation_cache():
     if jax.config.jax_compilation_cache_dir is None:
         jax.config.update("jax_compilation_cache_dir", str(home / "jaxnav" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def value_of(arguments, name):
+    """The value of an option that has to be known before the others are parsed."""
+    value = None
+    for i, argument in enumerate(arguments):
+        if argument == name and i + 1 < len(arguments):
+            value = arguments[i + 1]
+        elif argument.startswith(name + "="):
+            value = argument[len(name) + 1 :]
+    return value  # the last counts, as for every option

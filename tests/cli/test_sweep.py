@@ -12,12 +12,12 @@ import time
 import pytest
 
 from jaxnav import cli
-from jaxnav.cli_sweep import winner
 from jaxnav.errors import UserError
 from jaxnav.sweep import search
+from jaxnav.sweep.folder import winner
 from jaxnav.sweep.store import Store
 
-from .sweep.conftest import SWEEP, MadeUp
+from ..sweep.conftest import SWEEP, MadeUp
 
 FILE = """
 import dataclasses
@@ -54,7 +54,7 @@ def numbers(folder, name="small"):
 
 def test_a_sweep_killed_in_the_middle_goes_on_and_loses_nothing(tmp_path, file):
     """kill -9 of the real thing: then the store holds what a sweep left alone finds, and the summary all of it."""
-    folder, root = tmp_path / "sweep", pathlib.Path(__file__).parents[1]
+    folder, root = tmp_path / "sweep", pathlib.Path(__file__).parents[2]
     command = [sys.executable, "-m", "jaxnav.cli", "sweep", str(file), "--out", str(folder), "--trials", "9"]
     environment = os.environ | {"PYTHONPATH": str(root)}
     process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
