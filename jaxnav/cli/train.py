@@ -37,8 +37,6 @@ class _TrainOptions(Generic[_Config]):
 
 def command(arguments):
     from ..training.config import preset, resolve, scene_names
-    from ..training.devices import is_first, join_processes, layout_on, together
-    from ..training.run import Interrupted, Run
 
     folder = value_of(arguments, "--from-sweep")
     if folder is not None:
@@ -54,6 +52,9 @@ def command(arguments):
     options = parse(
         _TrainOptions[type(default)], arguments, "train", "Train a robot.", default=_TrainOptions(config=default)
     )
+    from ..training.devices import is_first, join_processes, layout_on, together  # not needed for --help
+    from ..training.run import Interrupted, Run
+
     if options.distributed:
         if options.devices == 0:
             raise UserError("--distributed needs --devices: give how many there are in all processes")

@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from ..errors import UserError
-from ..training.config import RunConfig, resolve, scene_names
+from ..training.config import HSACRunConfig, resolve, scene_names
 from ..training.dataclass_json import to_json
 
 
@@ -83,7 +83,7 @@ class Sweep:
         seed: of what is drawn.
     """
 
-    base: RunConfig
+    base: HSACRunConfig
     space: Annotated[Mapping[str, Range], _CODE]
     sizes: Annotated[Mapping[str, tuple], _CODE] = dataclasses.field(default_factory=dict)
     objective: Annotated[Callable[[Mapping[str, Any]], float], _CODE] = mean_success
@@ -123,7 +123,7 @@ class Sweep:
         return sizes | {name: float(value) for name, value in floats.items()}
 
     def configuration(self, values):
-        """The `RunConfig` of a trial with those values, resolved."""
+        """The `HSACRunConfig` of a trial with those values, resolved."""
         config = self.base
         for name, value in values.items():
             config = put(config, name, value)

@@ -8,11 +8,11 @@ import pytest
 from jaxnav.agents.hsac import HSACConfig
 from jaxnav.sweep import Guard, Range, Sweep
 from jaxnav.sweep.worker import Round
-from jaxnav.training.config import RunConfig, TrainConfig, WorldSettings
+from jaxnav.training.config import HSACRunConfig, TrainConfig, WorldSettings
 from jaxnav.world import Params
 
 # Of seconds: 4 chunks of 5 steps of 16 episodes in the square.
-TINY = RunConfig(
+TINY = HSACRunConfig(
     scene="square",
     world=WorldSettings(beams=16, params=Params(max_steps=12.0)),
     agent=HSACConfig(actor_widths=(16,), critic_widths=(16,), batch=32, updates_per_step=2),
