@@ -4,19 +4,15 @@ python -m experiments.crossflow --help
 """
 
 import dataclasses
-import json
 import pathlib
 import time
 from typing import NamedTuple
 
-from rich.console import Console
-
-from experiments import study as scene_study
+from experiments import study
 from experiments.paired import packed, pair
-from experiments.tables import methods as cells
+from experiments.tables import methods
 from jaxnav.errors import UserError
-from jaxnav.training.dataclass_json import differences, to_json
-from jaxnav.training.provenance import provenance
+from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.training.run import VALIDATION_SEED
 
@@ -63,20 +59,18 @@ class Options:
     seeds: int = 5
     episodes: int = 2000
     steps: int = 256_000
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
-        limits = ("seeds", 1, 100), ("episodes", 1, 10**6), ("steps", cells.REPORTED, 10**8)
-        scene_study.check_numbers(self, limits)
-        if self.steps % cells.REPORTED:
-            raise UserError(f"--steps is {self.steps}: give a multiple of {cells.REPORTED}")
-        scene_study.check_names(self.variants, "--variants", VARIANTS)
+        study.check_numbers(self, ("seeds", 1, 100), ("episodes", 1, 10**6), ("steps", methods.REPORTED, 10**8))
+        study.check_multiples(self, ("steps", methods.REPORTED))
+        study.check_names(self.variants, "--variants", VARIANTS)
 
 
 def configuration(name, steps):
     """The `RunConfig` of a variant."""
     _, world, agent, longer = VARIANTS[name]
-    config = cells.configuration(cells.METHODS[cells.MAIN], (SCENE,), longer * steps)
+    config = methods.configuration(methods.METHODS[methods.MAIN], (SCENE,), longer * steps)
     return dataclasses.replace(
         config, world=dataclasses.replace(config.world, **world), agent=dataclasses.replace(config.agent, **agent)
     )
@@ -84,78 +78,64 @@ def configuration(name, steps):
 
 def identity_of(name, steps):
     """What decides on the row of a variant or of the planner."""
-    if name == PLANNER:
-        return json.loads(json.dumps(to_json(configuration(UNCHANGED, steps).world)))
-    return json.loads(json.dumps(to_json(configuration(name, steps))))
+    return to_json(configuration(UNCHANGED, steps).world if name == PLANNER else configuration(name, steps))
 
 
-def row(name, steps, summary, seeds):
+def row(name, summary, seeds):
     """What is written of plays `[seeds, episodes]`; seeds: none of the planner."""
     return {
         "suite": "hard", "scene": SCENE, "method": name, "budget": "trained" if seeds else "none", "seeds": seeds,
-        "episodes": summary.arrived.shape[1], **cells.measures(summary), "arrived": packed(summary.arrived),
-        "config": identity_of(name, steps), **provenance(),
+        "episodes": summary.arrived.shape[1], **methods.measures(summary), "arrived": packed(summary.arrived),
     }  # fmt: skip
 
 
 def train(name, options, console):
     """The row of a variant."""
     config = configuration(name, options.steps)
-    programs, start = cells.Programs(config, options.seeds, phrases="validation"), time.monotonic()
+    programs, start = methods.Programs(config, options.seeds, phrases="validation"), time.monotonic()
     loop = programs.population.start(range(options.seeds), config.hyper, 0)
-    show = cells.reporter(console, name, config.train.episodes)
+    show = methods.reporter(console, name, config.train.episodes)
     _, trained = programs.population.train(loop, config.hyper, config.train.total_steps, show)
     seconds = round(time.monotonic() - start, 1)
     good = [seed for seed in range(options.seeds) if trained.broken[seed] is None]
     if not good:
         raise UserError(f"all seeds of {name} turned non-finite: name others with --variants")
-    plays = programs.play(trained.policies, cells.METHODS[cells.MAIN], 0, VALIDATION_SEED, options.episodes)
+    plays = programs.play(trained.policies, methods.METHODS[methods.MAIN], 0, VALIDATION_SEED, options.episodes)
     plays = EpisodeSummary(*(leaf[good] for leaf in plays))
     excluded = [seed for seed in range(options.seeds) if seed not in good]
-    return row(name, options.steps, plays, good) | {
+    return row(name, plays, good) | {
         "env_steps": trained.env_steps, "train_seconds": seconds, "excluded": excluded
     }  # fmt: skip
 
 
 def plan(options):
     """The row of the planner."""
-    policy, policy_params = cells.SCRIPTED[PLANNER]
+    policy, policy_params = methods.SCRIPTED[PLANNER]
     config = configuration(UNCHANGED, options.steps)
-    player = cells.Player(config.world.world(), config.world.params, policy)
+    player = methods.Player(config.world.world(), config.world.params, policy)
     plays = player(policy_params, 0, VALIDATION_SEED, options.episodes)
-    return row(PLANNER, options.steps, EpisodeSummary(*(leaf[None] for leaf in plays)), [])
+    return row(PLANNER, EpisodeSummary(*(leaf[None] for leaf in plays)), [])
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Try what is missing, and write both files."""
-    scene_study.make_folder(options.out)
-    path, console = options.out / f"{PROGRAM}.json", Console(stderr=True)
     identity = {"seeds": options.seeds, "episodes": options.episodes, "steps": options.steps}
-    result = {"command": f"python experiments/{PROGRAM}.py", **identity, "rows": {}}
-    result["rows"] = rows = scene_study.stored(path, identity, "rows", {})
-    for name, found in rows.items():
-        if name not in (PLANNER, *VARIANTS):
-            raise UserError(f"{path} holds {name!r}, which is no variant: move it away")
-        changed = differences(found["config"], identity_of(name, options.steps))
-        if changed:
-            raise UserError(f"{path} tried another {name} ({', '.join(changed)} differ): move it away")
-    for name in (PLANNER, *(options.variants or VARIANTS)):
-        if name not in rows:
-            rows[name] = plan(options) if name == PLANNER else train(name, options, console)
-            scene_study.write(path, result)
-    path.with_suffix(".md").write_text(table(result))
-    return result
+    begun = study.Study(
+        PROGRAM, options.out, identity, (PLANNER, *VARIANTS), lambda name: identity_of(name, options.steps)
+    )
+    for name in begun.missing((PLANNER, *(options.variants or VARIANTS))):
+        begun.add(name, plan(options) if name == PLANNER else train(name, options, study.console()))
+    return begun.finish(table)
 
 
 def table(result):
     """The result as Markdown."""
     rows = result["rows"]
-    devices = ", ".join(sorted({one["device"] for one in rows.values()}))
     lines = [
         f"Hybrid SAC in `{SCENE}`, changed; {result['seeds']} seeds each; {result['episodes']:,} episodes of the "
         "validation seed, validation phrases. Differences of success in points, over the same episodes; in brackets "
         "95 % over training seeds (percentile bootstrap: of five seeds it covers less). The best of several looks "
-        f"better than it is. Device: {devices}; the commit of each row is in the JSON file.",
+        f"better than it is. {study.sources(rows.values())}",
         "", "| | | steps | success (each seed) | collisions with people | comfort | minus unchanged | "
         "minus the planner | training (s) |", f"|{'---|' * 9}",
     ]  # fmt: skip
@@ -185,7 +165,7 @@ def _difference(one, other):
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, table, PROGRAM, arguments)
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -6,22 +6,17 @@ python -m experiments.robustness --help
 import dataclasses
 import math
 import pathlib
-import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.console import Console
 
-from experiments import study as scene_study
-from jaxnav.errors import UserError
+from experiments import study
 from jaxnav.language.table import default_table
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import episode_keys, make_policy, wilson_interval
-from jaxnav.training.provenance import provenance
 from jaxnav.training.rollout import play
-from jaxnav.training.run import Run
 
 PROGRAM = "robustness"
 BLOCK = 500  # episodes of a scene played at once
@@ -57,14 +52,12 @@ class Options:
     steps: int = 1000
     seed: int = 7
     runs: pathlib.Path = pathlib.Path("runs/robustness")
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
-        limits = ("episodes", 1, 1_000_000), ("steps", 25, 100_000), ("seed", 0, 2**32 - 1)
-        scene_study.check_numbers(self, limits)
-        scene_study.check_unseen(self.seed)
-        if self.steps % 25:
-            raise UserError(f"--steps is {self.steps}: give a multiple of 25")
+        study.check_numbers(self, ("episodes", 1, 1_000_000), ("steps", 25, 100_000))
+        study.check_multiples(self, ("steps", 25))
+        study.check_seed(self.seed)
 
 
 def configuration(options, robot):
@@ -73,19 +66,6 @@ def configuration(options, robot):
     train = dataclasses.replace(base.train, total_steps=options.steps, evaluate_every=20)
     resume = (folder / "config.json").exists()
     return resolve(dataclasses.replace(base, out=str(folder), resume=resume, train=train))
-
-
-def trained(options, robot, console):
-    """(run, actor) of a robot, trained now if it isn't yet."""
-    run = Run(configuration(options, robot))
-    run.prepare_folder()
-
-    def report(line):
-        if "evaluation" in line:
-            success = ", ".join(f"{scene} {rate:.3f}" for scene, rate in line["evaluation"].items())
-            console.print(f"{robot}: {line['env_steps'] / 1000:.0f}k steps, {success}")
-
-    return run, run.actor(run.train(report, time.monotonic()), "last")
 
 
 def player(run):
@@ -112,48 +92,34 @@ def player(run):
     return arrived
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Train and play what is missing, and write all three files."""
-    scene_study.make_folder(options.out)
-    console, path = Console(stderr=True, soft_wrap=True), options.out / f"{PROGRAM}.json"
-    episodes = math.ceil(options.episodes / BLOCK) * BLOCK
+    console, episodes = study.console(), math.ceil(options.episodes / BLOCK) * BLOCK
     identity = {
         "episodes": episodes, "seed": options.seed, "steps": options.steps,
         "configs": {robot: _identity(configuration(options, robot)) for robot in ROBOTS},
         "embeddings": default_table().fingerprint,
     }  # fmt: skip
-    result = {"command": f"python experiments/{PROGRAM}.py", **identity, **provenance()}
-    result["plays"] = scene_study.stored(path, identity, "plays", {})
-    result["commits"] = scene_study.stored(path, identity, "commits", {})
-    usual, arrived = _usual(), None
+    cells = [(name, value) for name, (_, values) in AXES.items() for value in values]
+    keys = {robot: {f"{robot}/{name}/{value}": (name, value) for name, value in cells} for robot in ROBOTS}
+    begun = study.Study(PROGRAM, options.out, identity, [key for robot in ROBOTS for key in keys[robot]])
+    arrived = None
     for robot in ROBOTS:
-        keys = {f"{robot}/{name}/{value}": (name, value) for name, (_, values) in AXES.items() for value in values}
-        if keys.keys() <= result["plays"].keys():
+        if not begun.missing(keys[robot]):
             continue
         if not (options.runs / robot / "config.json").exists():
-            for key in keys:  # of a training that is gone: one robot's plays are of one training
-                result["plays"].pop(key, None)
-                result["commits"].pop(key, None)
-            scene_study.write(path, result)  # now: the training may be interrupted, and then goes on
-        run, actor = trained(options, robot, console)
-        for key, (name, value) in keys.items():
-            if key in result["plays"]:
-                continue
+            begun.drop(keys[robot])  # of a training that is gone: the plays of a robot are of one training
+        run, actor = study.trained(configuration(options, robot), robot, console)
+        names = [scene.name for scene in run.world.scenes]
+        for key in begun.missing(keys[robot]):
+            name, value = keys[robot][key]
             arrived = arrived or player(run)
-            params = usual.replace(**{name: value})
+            params = _usual().replace(**{name: value})
             params = params.replace(max_speed=max(params.max_speed, params.preferred_speed))
             success = arrived(actor, params, options.seed, episodes).mean(axis=1)
-            names = [scene.name for scene in run.world.scenes]
-            result["plays"][key] = dict(zip(names, map(float, success), strict=True))
-            result["commits"][key] = result["git_commit"]
+            begun.add(key, {"success": dict(zip(names, map(float, success), strict=True))})
             console.print(f"{key}: {success.round(4)}")
-            scene_study.write(path, result)
-    if arrived is None:  # nothing was played: the file's own device stays
-        result["device"] = scene_study.stored(path, identity, "device", result["device"])
-    scene_study.write(path, result)
-    path.with_suffix(".md").write_text(table(result))
-    draw(result, path.with_suffix(".png"))
-    return result
+    return begun.finish(table, draw)
 
 
 def _usual():
@@ -168,22 +134,21 @@ def _identity(config):
 
 def mean_and_interval(result, robot, name, value):
     """Success over the scenes of the suite, and its Wilson interval over all their episodes."""
-    rates = list(result["plays"][f"{robot}/{name}/{value}"].values())
+    rates = list(result["rows"][f"{robot}/{name}/{value}"]["success"].values())
     trials = len(rates) * result["episodes"]
     return float(np.mean(rates)), wilson_interval(round(float(np.mean(rates)) * trials), trials)
 
 
 def table(result):
     """The result as Markdown."""
-    commits = ", ".join(sorted(set(map(str, result["commits"].values()))))
-    scenes = list(next(iter(result["plays"].values())))
+    rows = result["rows"]
+    scenes = list(next(iter(rows.values()))["success"])
     lines = [
         "Success of a plain and of a robust robot in the parity suite, one training seed each, "
         f"{result['steps'] * 256:,} environment steps; {result['episodes']:,} episodes a scene and value, episode seed "
         f"{result['seed']}, test phrases. The robust one is the preset of that name: all of these were drawn anew for "
         "each of its episodes. Everything but the field named is as in the plain robot's training: one pedestrian, a "
-        "laser without noise, no delay. "
-        f"Device: {result['device']}; commits: {commits}. Our scenes are not the paper's.",
+        f"laser without noise, no delay. {study.sources(rows.values())} Our scenes are not the paper's.",
     ]  # fmt: skip
     for name, (label, values) in AXES.items():
         lines += [
@@ -197,7 +162,7 @@ def table(result):
             for robot in ROBOTS:
                 mean, (low, high) = mean_and_interval(result, robot, name, value)
                 means.append(f"{mean:.3f} ({low:.3f}-{high:.3f})")
-            each = [f"{result['plays'][f'{robot}/{name}/{value}'][scene]:.3f}" for robot in ROBOTS for scene in scenes]
+            each = [f"{rows[f'{robot}/{name}/{value}']['success'][scene]:.3f}" for robot in ROBOTS for scene in scenes]
             lines.append(f"| {value} | {' | '.join(means + each)} |")
     return "\n".join(lines) + "\n"
 
@@ -216,7 +181,7 @@ def draw(result, path):
     for panel, (name, (label, values)) in zip(axes, AXES.items(), strict=False):
         low, high = ranges[name]
         panel.axvspan(low, high, color=palette.ROBOT, alpha=0.07, linewidth=0, label="robust: trained here")
-        panel.axvline(usual[name], color=palette.PEDESTRIAN, linestyle=":", label="plain: trained here")
+        panel.axvline(getattr(usual, name), color=palette.PEDESTRIAN, linestyle=":", label="plain: trained here")
         for robot in ROBOTS:
             found = [mean_and_interval(result, robot, name, value) for value in values]
             means = np.array([mean for mean, _ in found])
@@ -236,7 +201,7 @@ def draw(result, path):
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, table, PROGRAM, arguments)
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,12 @@
-"""What studies of many scenes share: a file that grows scene by scene and is taken up again, and a command line."""
+"""The skeleton of a study: a JSON file that grows row by row and is taken up again, its table, and a command line."""
 
+import contextlib
 import json
 import pathlib
 import sys
 import time
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Any
 
 import tyro
 from rich.console import Console
@@ -12,26 +15,100 @@ from rich.progress import Progress
 from jaxnav.errors import UserError
 from jaxnav.training.dataclass_json import differences
 from jaxnav.training.provenance import provenance
-from jaxnav.training.run import VALIDATION_SEED, Interrupted
-from jaxnav.world import SCENES
+from jaxnav.training.run import VALIDATION_SEED, Interrupted, Run
 
 RESULTS = pathlib.Path(__file__).parent / "results"
 
 
-def check_options(options, limits):
-    """UserError if ``options`` names an unknown scene or one of its numbers is out of ``limits``: name, least, most."""
-    check_names(options.scenes, "--scenes", SCENES)
-    check_numbers(options, limits)
+class Study:
+    """Rows of a program by name, in a JSON file that is written after each of them.
+
+    Rows that the file holds already are kept if it has the same ``identity``; each says of which commit and device it
+    is. Everything else in the file is of the last call.
+
+    program: the module's name below `experiments`; the last part of it names the files.
+    identity: what has to be the same for the rows of the file to be kept.
+    names: of all rows that there can be, in the order of the file.
+    configs: by name the configuration that a row is of, of those rows that have one.
+    field: what the rows are called in the file.
+
+    UserError, before anything takes time: the folder ``out`` can't be made, or the file is of another configuration.
+    """
+
+    def __init__(
+        self, program: str, out: pathlib.Path, identity: dict[str, Any], names: Iterable[str],
+        configs: Callable[[str], Any] | None = None, field: str = "rows",
+    ):  # fmt: skip
+        make_folder(out)
+        self.path = out / f"{program.rpartition('.')[2]}.json"
+        self._names, self._configs, self._field = list(names), configs, field
+        self.result = {"command": command(program), **identity, **provenance(), field: {}}
+        self._source = {"git_commit": self.result["git_commit"], "device": self.result["device"]}
+        self.rows = self.result[field] = stored(self.path, identity, field, {})
+        for name, row in self.rows.items():
+            self._check(name, row)
+
+    def _check(self, name, row):
+        if name not in self._names:
+            raise UserError(f"{self.path} holds {name!r}, which is no row of this program: move it away")
+        if self._configs is None:
+            return
+        changed = differences(row.get("config", {}), plain(self._configs(name)))
+        if changed:
+            raise UserError(
+                f"{self.path} holds a {name} of another configuration ({', '.join(changed)} differ): move it away"
+            )
+
+    def missing(self, names: Iterable[str] | None = None) -> list[str]:
+        """Those of ``names``, or of all rows, that the file doesn't hold."""
+        return [name for name in (self._names if names is None else names) if name not in self.rows]
+
+    def add(self, name: str, row: dict[str, Any]) -> None:
+        """Add a row and write the file."""
+        config = {} if self._configs is None else {"config": plain(self._configs(name))}
+        self.rows[name] = row | config | self._source
+        self.write()
+
+    def drop(self, names: Iterable[str]) -> None:
+        """Take rows out, and write the file at once: what follows may be interrupted."""
+        for name in names:
+            self.rows.pop(name, None)
+        self.write()
+
+    def write(self) -> None:
+        """Write the JSON file, rows in the order of their names."""
+        self.rows = self.result[self._field] = {name: self.rows[name] for name in self._names if name in self.rows}
+        write(self.path, self.result)
+
+    def finish(self, table: Callable[[dict], str], draw: Callable[[dict, pathlib.Path], None] | None = None) -> dict:
+        """Write the JSON file, its Markdown and its picture beside it; returns the result."""
+        self.write()
+        self.path.with_suffix(".md").write_text(table(self.result))
+        if draw is not None:
+            draw(self.result, self.path.with_suffix(".png"))
+        return self.result
 
 
-def check_names(names, option, known):
+def command(program: str) -> str:
+    """What starts a program."""
+    return f"python -m experiments.{program}"
+
+
+def sources(rows: Iterable[dict[str, Any]]) -> str:
+    """Devices and commits of rows, for a table."""
+    rows = list(rows)
+    devices, commits = (sorted({str(row[name]) for row in rows}) for name in ("device", "git_commit"))
+    return f"Device: {', '.join(devices)}; commit: {', '.join(commits)}."
+
+
+def check_names(names: Iterable[str], option: str, known: Collection[str]) -> None:
     """UserError if one of the ``names`` that an option gives is unknown."""
     for name in names:
         if name not in known:
             raise UserError(f"{option} names {name!r}: choose from {', '.join(known)}")
 
 
-def check_numbers(options, limits):
+def check_numbers(options: Any, *limits: tuple[str, int, int]) -> None:
     """UserError if one of the numbers of ``options`` is out of ``limits``: name, least, most."""
     for name, least, most in limits:
         if not least <= getattr(options, name) <= most:
@@ -39,13 +116,22 @@ def check_numbers(options, limits):
             raise UserError(f"{option} is {getattr(options, name)}: give a whole number from {least} to {most}")
 
 
-def check_unseen(seed):
-    """UserError: the episodes of that seed are those of validation."""
+def check_multiples(options: Any, *steps: tuple[str, int]) -> None:
+    """UserError if one of the numbers of ``options`` is no multiple: name, of what."""
+    for name, of in steps:
+        if getattr(options, name) % of:
+            raise UserError(f"--{name.replace('_', '-')} is {getattr(options, name)}: give a multiple of {of}")
+
+
+def check_seed(seed: int) -> None:
+    """UserError: ``seed`` is none, or its episodes are those of validation."""
+    if not 0 <= seed < 2**32:
+        raise UserError(f"--seed is {seed}: give a whole number from 0 to {2**32 - 1}")
     if seed == VALIDATION_SEED:
         raise UserError(f"--seed is {seed}, of the validation episodes that choices were made on: give another")
 
 
-def make_folder(out, option="--out"):
+def make_folder(out: pathlib.Path, option: str = "--out") -> None:
     """Make a folder, before anything takes time. UserError: it can't be."""
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -53,44 +139,7 @@ def make_folder(out, option="--out"):
         raise UserError(f"{option} is {out}: {error.strerror}: choose a folder that can be written") from None
 
 
-def study(out, program, settings, names, blocks, play_scene, table, draw):
-    """Play the scenes that the JSON file of a program lacks, and write its .json, .md and .png into the folder ``out``.
-
-    settings: what has to be the same for a scene in the file to be kept, beside the commit; they are written, too.
-    play_scene: a function (name, advance) -> what is written of a scene; it calls ``advance`` ``blocks`` times.
-    table, draw: functions (result) -> Markdown and (result, path). Returns the result.
-    """
-    make_folder(out)
-    path = out / f"{program}.json"
-    result = {"command": f"python experiments/{program}.py", **settings, **provenance(), "scenes": {}}
-    if path.exists():
-        result["scenes"] = _scenes_to_keep(path, result, [*settings, "git_commit"])
-    missing = [name for name in names if name not in result["scenes"]]
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(missing) * blocks)
-        for name in missing:
-            bar.update(task, description=name)
-            start = time.monotonic()
-            found = play_scene(name, lambda: bar.advance(task))
-            result["scenes"][name] = found | {"wall_seconds": round(time.monotonic() - start, 1)}
-            result["scenes"] = {scene: result["scenes"][scene] for scene in SCENES if scene in result["scenes"]}
-            write(path, result)
-    path.with_suffix(".md").write_text(table(result))
-    draw(result, path.with_suffix(".png"))
-    return result
-
-
-def _scenes_to_keep(path, result, identity):
-    try:
-        before = json.loads(path.read_text())
-        # The mark of uncommitted changes is left out: the file itself is one, once it is committed.
-        same = all(str(before[name]).rstrip("+") == str(result[name]).rstrip("+") for name in identity)
-        return before["scenes"] if same else {}
-    except (ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
-
-
-def stored(path, identity, field, empty):
+def stored(path: pathlib.Path, identity: dict[str, Any], field: str, empty: Any) -> Any:
     """What an earlier call left in ``field`` of the JSON file ``path``; ``empty`` if there is no such file.
 
     UserError: it is no result of the program, or of another configuration: its values of ``identity`` are others.
@@ -99,7 +148,7 @@ def stored(path, identity, field, empty):
         return empty
     try:
         before = json.loads(path.read_text())
-        changed = differences({name: before[name] for name in identity}, json.loads(json.dumps(identity)))
+        changed = differences({name: before[name] for name in identity}, plain(identity))
         found = before[field]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path} is no result of this program ({error!r}): move it away") from None
@@ -112,19 +161,68 @@ def stored(path, identity, field, empty):
     return found
 
 
-def write(path, value):
+def plain(value: Any) -> Any:
+    """What JSON makes of a value."""
+    return json.loads(json.dumps(value))
+
+
+def write(path: pathlib.Path, value: Any) -> None:
     """Write a JSON file: an interruption leaves the old one or the new one."""
     whole = path.with_suffix(".new")
     whole.write_text(json.dumps(value, indent=1) + "\n")
     whole.replace(path)
 
 
-def main(options_class, study, table, program, arguments):
+def console() -> Console:
+    """Where programs say how they get on: lines of any length, their text as it is."""
+    return Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+
+
+@contextlib.contextmanager
+def progress(console: Console, total: int, description: str) -> Iterator[Callable[[], None]]:
+    """Yields a function of no argument to call after every step: a bar on a terminal, else a line every tenth."""
+    if not console.is_terminal:
+        done = 0
+
+        def count():
+            nonlocal done
+            done += 1
+            if 10 * done // total > 10 * (done - 1) // total:
+                console.print(f"{description}: {done / total:4.0%}")
+
+        yield count
+        return
+    with Progress(console=console) as bar:
+        task = bar.add_task(f"{description} (the first step compiles)", total=total)
+        yield lambda: bar.advance(task)
+
+
+def trained(config, name: str, console: Console):
+    """(run, actor) of a configuration, trained now as far as it isn't yet: its folder is taken up again."""
+    run = Run(config)
+    run.prepare_folder()
+
+    def report(line):
+        if "evaluation" in line:
+            success = ", ".join(f"{scene} {rate:.3f}" for scene, rate in line["evaluation"].items())
+            console.print(f"{name}: {line['env_steps'] / 1000:.0f}k steps, {success}")
+
+    return run, run.actor(run.train(report, time.monotonic()), "last")
+
+
+def main(options_class: Any, study: Callable, table: Callable[[dict], str], program: str, arguments=None) -> None:
     """Entry point of a program: prints the table of its study; exits with 2 after an error that the user can mend, with
     130 after Ctrl-C."""
-    try:
-        options = tyro.cli(options_class, args=arguments, prog=f"python experiments/{program}.py")
+    with exits():
+        options = tyro.cli(options_class, args=arguments, prog=command(program))
         print(table(study(options)), end="")
+
+
+@contextlib.contextmanager
+def exits() -> Iterator[None]:
+    """Turns errors into exit codes: 2 after one that the user can mend, 130 after Ctrl-C."""
+    try:
+        yield
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -4,22 +4,18 @@ python -m experiments.tricks --help
 """
 
 import dataclasses
-import json
 import pathlib
 import time
 
 import jax
 import numpy as np
-from rich.console import Console
 
-from experiments import study as scene_study
-from experiments.tables import tune
-from jaxnav.errors import UserError
+from experiments import study
+from experiments.tables import tuning
 from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.dataclass_json import differences, to_json
+from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import Evaluator
 from jaxnav.training.population import Population, member
-from jaxnav.training.provenance import provenance
 from jaxnav.training.run import VALIDATION_SEED
 from jaxnav.world import SUITES
 
@@ -63,16 +59,13 @@ class Options:
     seeds: int = 3
     parity_steps: int = 200
     hard_steps: int = 250
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
         limits = ("seeds", 1, 100), ("parity_steps", EVERY, 10**5), ("hard_steps", EVERY, 10**5)
-        scene_study.check_numbers(self, limits)
-        for name in ("parity_steps", "hard_steps"):
-            if getattr(self, name) % EVERY:
-                option = f"--{name.replace('_', '-')}"
-                raise UserError(f"{option} is {getattr(self, name)}: give a multiple of {EVERY}")
-        scene_study.check_names(self.tricks, "--tricks", TRICKS)
+        study.check_numbers(self, *limits)
+        study.check_multiples(self, ("parity_steps", EVERY), ("hard_steps", EVERY))
+        study.check_names(self.tricks, "--tricks", TRICKS)
 
 
 def configuration(name, scenes, steps):
@@ -112,34 +105,24 @@ def train(config, every, seeds):
     return lines
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Try what is missing, and write both files."""
-    scene_study.make_folder(options.out)
-    path, console = options.out / f"{PROGRAM}.json", Console(stderr=True, soft_wrap=True)
+    console = study.console()
     identity = {
         "seeds": options.seeds, "parity_steps": options.parity_steps, "hard_steps": options.hard_steps,
-        "hard_scenes": list(tune.SCENES),
+        "hard_scenes": list(tuning.SCENES),
     }  # fmt: skip
-    result = {"command": f"python experiments/{PROGRAM}.py", **identity, "tricks": {}}
-    result["tricks"] = scene_study.stored(path, identity, "tricks", {})
-    for name, found in result["tricks"].items():
-        now = to_json(configuration(name, SUITES["parity"], options.parity_steps))
-        changed = differences(found["config"], json.loads(json.dumps(now)))
-        if changed:
-            raise UserError(f"{path} tried another {name!r} ({', '.join(changed)} differ): move it away")
-    for name in options.tricks or TRICKS:
-        if name in result["tricks"]:
-            continue
-        config = configuration(name, SUITES["parity"], options.parity_steps)
-        parity = train(config, EVERY, options.seeds)
-        hard = train(configuration(name, tune.SCENES, options.hard_steps), options.hard_steps, options.seeds)
-        result["tricks"][name] = {
-            "parity": parity, "hard": hard, "config": to_json(config), **provenance(),
-        }  # fmt: skip
-        scene_study.write(path, result)
-        console.print(_row(name, result["tricks"][name]))
-    path.with_suffix(".md").write_text(table(result))
-    return result
+
+    def parity(name):
+        return configuration(name, SUITES["parity"], options.parity_steps)
+
+    begun = study.Study(PROGRAM, options.out, identity, TRICKS, lambda name: to_json(parity(name)))
+    for name in begun.missing(options.tricks or TRICKS):
+        hard = configuration(name, tuning.SCENES, options.hard_steps)
+        found = {"parity": train(parity(name), EVERY, options.seeds)}
+        begun.add(name, found | {"hard": train(hard, options.hard_steps, options.seeds)})
+        console.print(_row(name, begun.rows[name]))
+    return begun.finish(table)
 
 
 def arrival(lines, seed):
@@ -172,24 +155,23 @@ def _row(name, found):
 
 def table(result):
     """The result as Markdown."""
-    some = next(iter(result["tricks"].values()))
     lines = [
         "Hybrid SAC, its hyperparameters as they are by default, with one thing changed at a time; "
         f"{result['seeds']} seeds trained at once, validation seed and "
         f"phrases, 500 episodes a scene and evaluation. Parity suite: {result['parity_steps']} steps of 256 episodes; "
         f"updates until {THRESHOLD} in every scene twice in a row, and seconds (compiled, training alone, divided by "
         f"the seeds trained at once), medians. Hard scenes ({', '.join(result['hard_scenes'])}): "
-        f"{result['hard_steps']} steps. Device: {some['device']}; the commit of each row is in the JSON file.",
+        f"{result['hard_steps']} steps. {study.sources(result['rows'].values())}",
         "", f"| | updates to {THRESHOLD} | seconds to {THRESHOLD} | ms an update | parity suite at the end, mean "
         "(worst) | hard scenes, mean (each seed) |", "|---|---|---|---|---|---|",
     ]  # fmt: skip
-    lines += [_row(name, result["tricks"][name]) for name in TRICKS if name in result["tricks"]]
+    lines += [_row(name, result["rows"][name]) for name in TRICKS if name in result["rows"]]
     return "\n".join(lines) + "\n"
 
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, table, PROGRAM, arguments)
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

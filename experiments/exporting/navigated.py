@@ -120,6 +120,28 @@ def by_navigators(worlds, make, scan_of, act=None):
     return ends, sum(n.interventions for n in navigators) / max(sum(n.steps for n in navigators), 1)
 
 
+def adversary(policy, run):
+    """A decision for every observation: full speed, turning toward the nearest obstacle."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, run.world.config.beams)
+    turn, fast = float(run.params.max_w), float(run.params.max_v)
+
+    def act(observation):
+        toward = angles[np.argmin(observation["scan"])] / float(run.params.dt)
+        return policy.Decision(fast, float(np.clip(toward, -turn, turn)), 0, None, None, None)
+
+    return act
+
+
+def laser(scans, run):
+    """A function (ranges) -> the scan that a laser driver reports: nothing comes back from where nothing is."""
+    longest, beams = float(run.params.scan_range), run.world.config.beams
+
+    def report(ranges):
+        return scans.Scan(np.where(ranges >= longest, np.inf, ranges), -np.pi / 2, np.pi / (beams - 1))
+
+    return report
+
+
 class _Voices:
     """What a `Navigator` hears of the people of one world: every message and answer once, when it is given."""
 

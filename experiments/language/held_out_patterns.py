@@ -4,28 +4,23 @@ python -m experiments.language.held_out_patterns --help
 """
 
 import dataclasses
-import json
 import pathlib
-import sys
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-import tyro
-from rich.progress import track
 
-from experiments import study as scene_study
-from jaxnav.errors import UserError
+from experiments import study
 from jaxnav.language.encoders import MiniLM, WordLlama
-from jaxnav.language.phrases import KINDS, read_phrases
+from jaxnav.language.phrases import KINDS, hash_of, read_phrases
 from jaxnav.language.sides import clean, without_side
 from jaxnav.language.table import Projection
-from jaxnav.training.provenance import provenance
 from jaxnav.world.types import LEFT, RIGHT
 
+PROGRAM = "language.held_out_patterns"
 STEPS, BATCH, NOISE = 3000, 256, 0.6
-# Hidden layers of MiniLM (none: wordllama), hidden width of the head (0: linear), whether sides are taken out first
+# Hidden layers of MiniLM (none: wordllama), hidden width of the head (0: linear), whether sides are taken out first.
 WAYS = {
     "linear on the sentence embedding": ((6,), 0, False),
     "MLP on the sentence embedding": ((6,), 96, False),
@@ -42,8 +37,9 @@ WAYS = {
 class Options:
     """Compare ways to read phrases, by accuracy on sentence patterns that were not learnt from.
 
-    Writes ears.json and ears.md. Every way is learnt `folds` times from all patterns but a part, drawn at random, and
-    tested on that part: harder than the test split, since idioms, which no other pattern explains, are among them.
+    Writes held_out_patterns.json and .md. Every way is learnt `folds` times from all patterns but a part, drawn at
+    random, and tested on that part. This is harder than the test split: idioms, which no other pattern explains, are
+    among them. A way that the file holds already is not learnt again.
 
     Args:
         folds: parts of the patterns.
@@ -51,11 +47,10 @@ class Options:
     """
 
     folds: int = 4
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
-        if not 2 <= self.folds <= 20:
-            raise UserError(f"--folds is {self.folds}: give a whole number from 2 to 20")
+        study.check_numbers(self, ("folds", 2, 20))
 
 
 def predictions(vectors, sides, meant, fold, folds, width):
@@ -105,38 +100,41 @@ def predictions(vectors, sides, meant, fold, folds, width):
     return np.where(found < 2, found, np.where((found == 2) == (sides > 0), RIGHT, LEFT))
 
 
-def study(options):
-    """Learn and test every way, and write both files."""
-    scene_study.make_folder(options.out)
+def run(options: Options) -> dict:
+    """Learn and test what is missing, and write both files."""
     phrases = read_phrases()
     meant, kind = np.array([p.message for p in phrases]), np.array([p.kind for p in phrases])
     patterns = sorted({phrase.pattern for phrase in phrases})
     part = dict(zip(patterns, np.random.default_rng(0).permutation(len(patterns)) % options.folds, strict=True))
     fold = np.array([part[phrase.pattern] for phrase in phrases])
-    rows = {}
-    for name, (layers, width, taken_out) in track(WAYS.items(), description="ears"):
-        split = [without_side(p.text) if taken_out else (clean(p.text).lower(), 0) for p in phrases]
-        distinct = list(dict.fromkeys(sentence for sentence, _ in split))
-        features = (MiniLM(layers) if layers else WordLlama()).features(distinct)
-        number = {sentence: i for i, sentence in enumerate(distinct)}
-        vectors = Projection.fit(features)(features).astype(np.float32)[[number[sentence] for sentence, _ in split]]
-        sides = np.array([side for _, side in split]) if taken_out else None
-        found = predictions(vectors, sides, meant, fold, options.folds, width)
-        sided = np.isin(meant, (RIGHT, LEFT)) & np.isin(found, (RIGHT, LEFT))
-        rows[name] = {
-            "accuracy": float((found == meant).mean()), "sides_confused": float((sided & (found != meant)).mean()),
-            "kinds": {k: float((found == meant)[kind == k].mean()) for k in KINDS},
-        }  # fmt: skip
-    result = {"command": "python -m experiments.language.held_out_patterns", "folds": options.folds, **provenance(), "rows": rows}
-    (options.out / "ears.json").write_text(json.dumps(result, indent=1) + "\n")
-    (options.out / "ears.md").write_text(table(result))
-    return result
+    begun = study.Study(PROGRAM, options.out, {"folds": options.folds, "phrases": hash_of(phrases)}, WAYS)
+    missing = begun.missing()
+    with study.progress(study.console(), max(len(missing), 1), "held-out patterns") as advance:
+        for name in missing:
+            layers, width, taken_out = WAYS[name]
+            split = [without_side(p.text) if taken_out else (clean(p.text).lower(), 0) for p in phrases]
+            distinct = list(dict.fromkeys(sentence for sentence, _ in split))
+            features = (MiniLM(layers) if layers else WordLlama()).features(distinct)
+            number = {sentence: i for i, sentence in enumerate(distinct)}
+            rows = [number[sentence] for sentence, _ in split]
+            vectors = Projection.fit(features)(features).astype(np.float32)[rows]
+            sides = np.array([side for _, side in split]) if taken_out else None
+            found = predictions(vectors, sides, meant, fold, options.folds, width)
+            sided = np.isin(meant, (RIGHT, LEFT)) & np.isin(found, (RIGHT, LEFT))
+            row = {
+                "accuracy": float((found == meant).mean()), "sides_confused": float((sided & (found != meant)).mean()),
+                "kinds": {k: float((found == meant)[kind == k].mean()) for k in KINDS},
+            }  # fmt: skip
+            begun.add(name, row)
+            advance()
+    return begun.finish(table)
 
 
 def table(result):
     """The result as Markdown."""
     lines = [
-        f"Messages understood of sentence patterns not learnt from, {result['folds']} folds over all patterns, seed 0.",
+        f"Messages understood of sentence patterns not learnt from, {result['folds']} folds over all patterns, seed 0. "
+        f"{study.sources(result['rows'].values())}",
         "", f"| way | all | {' | '.join(KINDS)} | sides confused |", f"|{'---|' * (len(KINDS) + 3)}",
     ]  # fmt: skip
     for name, row in result["rows"].items():
@@ -146,12 +144,8 @@ def table(result):
 
 
 def main(arguments=None):
-    """Entry point; exits with 2 after an error that the user can mend."""
-    try:
-        print(table(study(tyro.cli(Options, args=arguments, prog="python -m experiments.language.held_out_patterns"))), end="")
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    """Entry point."""
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

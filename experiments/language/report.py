@@ -1,25 +1,27 @@
-"""The numbers, Markdown and picture of language.py's result."""
+"""The numbers, Markdown and picture of the result of understanding.py."""
 
 import math
 
 import numpy as np
 
+from experiments import study
+from experiments.paired import unpacked
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.training.config import TrainConfig
 from jaxnav.world.types import MESSAGES
 
 # What a robot hears in an episode: the messages themselves, or phrases: split, share garbled, norm of the noise.
 HEARD = {
-    "codes": None, "train phrases": ("train", 0.1, 0.0), "test phrases": ("test", 0.0, 0.0),
+    "messages": None, "train phrases": ("train", 0.1, 0.0), "test phrases": ("test", 0.0, 0.0),
     **{f"noise {noise}": ("test", 0.0, noise) for noise in (0.5, 1.0, 1.5)},
     **{f"garbled {share}": ("test", share, 0.0) for share in (0.5, 1.0)},
 }  # fmt: skip
-MAIN = ("codes", "train phrases", "test phrases")
+MAIN = ("messages", "train phrases", "test phrases")
 
 
 def rates(result, scene, robot, heard, field="success"):
     """Rates `[seeds]` of a robot in a scene, by what it hears."""
-    found = [play[field] for key, play in result["plays"].items() if key.split("/")[1:4] == [scene, robot, heard]]
+    found = [play[field] for key, play in result["rows"].items() if key.split("/")[1:4] == [scene, robot, heard]]
     return np.array(found)
 
 
@@ -31,7 +33,7 @@ def swept(result, scene):
 
 def scenes(result):
     """(suite, scene) of everything played."""
-    return list(dict.fromkeys(tuple(key.split("/")[:2]) for key in result["plays"]))
+    return list(dict.fromkeys(tuple(key.split("/")[:2]) for key in result["rows"]))
 
 
 def paired(result, scene, one, other):
@@ -40,15 +42,11 @@ def paired(result, scene, one, other):
     All seeds play the same episodes: what varies from one to the next is their mean.
     """
     differences = []
-    for key, play_one in result["plays"].items():
+    for key, play_one in result["rows"].items():
         suite, name, robot, heard, seed = key.split("/")
-        if (name, robot, heard) != (scene, "phrases", one):
-            continue
-        play_other = result["plays"]["/".join((suite, name, robot, other, seed))]
-        difference = np.zeros(play_one["episodes"])
-        difference[play_one["failed"]] -= 1
-        difference[play_other["failed"]] += 1
-        differences.append(difference)
+        if (name, robot, heard) == (scene, "phrases", one):
+            play_other = result["rows"]["/".join((suite, name, robot, other, seed))]
+            differences.append(unpacked(play_one)[0] - unpacked(play_other)[0])
     mean = np.mean(differences, axis=0)
     return mean.mean(), 1.96 * mean.std() / math.sqrt(mean.size)
 
@@ -68,8 +66,7 @@ def table(result):
     lines = [
         f"Robots trained for {result['steps'] * TrainConfig.episodes:,} steps, {seeds} seeds of each kind; "
         f"{result['episodes']:,} episodes a scene, episode seed {result['seed']}. Embeddings: "
-        f"{result['embeddings']}. Device: {result['device']}; commit {result['git_commit']}. Our scenes are not the "
-        "paper's.",
+        f"{result['embeddings']}. {study.sources(result['rows'].values())} Our scenes are not the paper's.",
         "", "**Messages understood** (mean over the robots that hear; validation and test: sentence patterns never "
         "heard in training)", "",
         f"| split | phrases | patterns | overall (95 % interval) | {' | '.join(KINDS)} | sides confused | reply |",
@@ -86,24 +83,24 @@ def table(result):
     lines += [
         "", "**Success** (mean over seeds, half a 95 % interval over seeds; in brackets the share of episodes in which "
         "somebody is hit)", "",
-        "| suite | scene | one-hot codes | train phrases | test phrases | test - codes, paired | deaf |",
+        "| suite | scene | the messages themselves | train phrases | test phrases | test - messages, paired | deaf |",
         f"|{'---|' * 7}",
     ]  # fmt: skip
     for suite, scene in scenes(result):
         row = []
-        for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "codes")):
+        for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "messages")):
             success = rates(result, scene, robot, heard)
             if not success.size:
                 row.append("-")
                 continue
             hit = rates(result, scene, robot, heard, "human_collision")
             row.append(f"{success.mean():.3f} ± {spread(success):.3f} ({hit.mean():.3f})")
-        mean, half = paired(result, scene, "test phrases", "codes")
+        mean, half = paired(result, scene, "test phrases", "messages")
         row.insert(3, f"{100 * mean:+.2f} ± {100 * half:.2f} points")
         lines.append(f"| {suite} | {scene} | {' | '.join(row)} |")
     for suite in dict.fromkeys(suite for suite, _ in scenes(result)):
         names, row = [scene for of, scene in scenes(result) if of == suite], []
-        for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "codes")):
+        for robot, heard in (*(("phrases", heard) for heard in MAIN), ("deaf", "messages")):
             means = [rates(result, scene, robot, heard) for scene in names]
             success = np.mean(means, axis=0) if means[0].size else means[0]
             row.append(f"{success.mean():.3f} ± {spread(success):.3f}" if success.size else "-")
@@ -154,10 +151,10 @@ def draw(result, path):
 
     places = scenes(result)
     bars = (
-        ("phrases", "codes", "one-hot codes", palette.FAINT_INK),
+        ("phrases", "messages", "the messages themselves", palette.FAINT_INK),
         ("phrases", "train phrases", "train phrases", palette.LASER),
         ("phrases", "test phrases", "test phrases", palette.ROBOT),
-        ("deaf", "codes", "deaf", palette.PEDESTRIAN),
+        ("deaf", "messages", "deaf", palette.PEDESTRIAN),
     )
     for k, (robot, heard, label, colour) in enumerate(bars):
         at, heights, errors = [], [], []

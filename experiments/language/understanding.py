@@ -6,42 +6,39 @@ python -m experiments.language.understanding --help
 import dataclasses
 import math
 import pathlib
-import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.console import Console
 
-from experiments import study as scene_study
-from experiments.language import report as language_report
+from experiments import study
+from experiments.language import report
 from experiments.language.report import HEARD, MAIN
-from experiments.tables import methods as cells
-from jaxnav.errors import UserError
+from experiments.paired import packed
+from experiments.tables import methods
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.language.vocabulary import vocabulary
 from jaxnav.training.config import PRESETS, TrainConfig, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import make_policy, wilson_interval
-from jaxnav.training.provenance import provenance
-from jaxnav.training.run import Run
+from jaxnav.world import SUITES
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT
 
-PROGRAM = "language"
+PROGRAM = "language.understanding"
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
     """Train robots that hear phrases and deaf ones, play them, and write how well they understand and arrive.
 
-    Writes language.json, .md and .png. Trainings and plays that are there already are not done again: an interrupted
-    study goes on where it was.
+    Writes understanding.json, .md and .png. Trainings and plays that are there already are not done again: an
+    interrupted study goes on where it was.
 
     Args:
         seeds: robots of each kind in the hard suite; in the parity suite, which saturates, at most two.
-        episodes: of each scene, in pairs with test phrases and with codes, shared by the seeds; deaf robots and those
-            that hear train phrases play a quarter of it, each sweep a tenth, with the first seed.
+        episodes: of each scene, in pairs with test phrases and with the messages themselves, shared by the seeds; deaf
+            robots and those that hear train phrases play a quarter of it, each sweep a tenth, with the first seed.
         steps: of training, of all episodes.
         seed: of the episodes that are played, the same for all robots.
         runs: folder of the trainings.
@@ -53,14 +50,12 @@ class Options:
     steps: int = 600
     seed: int = 7
     runs: pathlib.Path = pathlib.Path("runs/language")
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
-        limits = ("seeds", 1, 100), ("episodes", cells.BLOCK, 10**6), ("steps", 25, 10**5), ("seed", 0, 2**32 - 1)
-        scene_study.check_numbers(self, limits)
-        scene_study.check_unseen(self.seed)
-        if self.steps % TrainConfig.steps_per_chunk:
-            raise UserError(f"--steps is {self.steps}: give a multiple of {TrainConfig.steps_per_chunk}")
+        study.check_numbers(self, ("seeds", 1, 100), ("episodes", methods.BLOCK, 10**6), ("steps", 25, 10**5))
+        study.check_multiples(self, ("steps", TrainConfig.steps_per_chunk))
+        study.check_seed(self.seed)
 
     def seeds_of(self, suite):
         """How many robots of each kind a suite has."""
@@ -77,12 +72,22 @@ def shares(options, suite, robot, seed):
     """{what is heard: episodes of each scene} of a robot, in blocks."""
     seeds = options.seeds_of(suite)
     if robot == "deaf":
-        parts = {"codes": 1 / (4 * seeds)}
+        parts = {"messages": 1 / (4 * seeds)}
     else:
-        parts = {"codes": 1 / seeds, "test phrases": 1 / seeds, "train phrases": 1 / (4 * seeds)}
+        parts = {"messages": 1 / seeds, "test phrases": 1 / seeds, "train phrases": 1 / (4 * seeds)}
         if seed == 0:
             parts |= {heard: 0.1 for heard in HEARD if heard not in MAIN}
-    return {heard: math.ceil(part * options.episodes / cells.BLOCK) * cells.BLOCK for heard, part in parts.items()}
+    return {heard: math.ceil(part * options.episodes / methods.BLOCK) * methods.BLOCK for heard, part in parts.items()}
+
+
+def plays(options, suite, robot, seed):
+    """{name of a row: (index of its scene, what is heard, episodes)} of a robot."""
+    scenes = SUITES[suite]
+    return {
+        f"{suite}/{name}/{robot}/{heard}/{seed}": (scene, heard, episodes)
+        for scene, name in enumerate(scenes)
+        for heard, episodes in shares(options, suite, robot, seed).items()
+    }
 
 
 def configuration(options, suite, robot, seed):
@@ -103,21 +108,6 @@ def trained_as(options, suite, robot):
     """What decides on how a robot is trained: all of a configuration but its name, seed and folder."""
     whole = to_json(configuration(options, suite, robot, 0))
     return {name: value for name, value in whole.items() if name not in ("preset", "seed", "out", "resume")}
-
-
-def trained(options, suite, robot, seed, console):
-    """(run, actor) of a robot, trained now if it isn't yet."""
-    run = Run(configuration(options, suite, robot, seed))
-    run.prepare_folder()
-    start, name = time.monotonic(), f"{suite} {robot} {seed}"
-
-    def report(line):
-        if "evaluation" in line:
-            success = ", ".join(f"{scene} {rate:.3f}" for scene, rate in line["evaluation"].items())
-            console.print(f"{name}: {line['env_steps'] / 1000:.0f}k steps, {success}", soft_wrap=True)
-
-    progress = run.train(report, start)
-    return run, run.actor(progress, "last")
 
 
 def understanding(run, actor):
@@ -159,61 +149,57 @@ class Player:
     """Plays robots of a suite through two compiled programs, whatever they hear."""
 
     def __init__(self, run):
-        self._codes, self._words = (
-            cells.Player(run.world, run.params, policy) for policy in (cells.told(run.agent), make_policy(run.agent))
+        self._messages, self._words = (
+            methods.Player(run.world, run.params, policy)
+            for policy in (methods.told(run.agent), make_policy(run.agent))
         )
 
     def __call__(self, actor, heard, scene, episodes, seed):
         """(arrived, hit a pedestrian), bool `[episodes]` each."""
         if HEARD[heard] is None:
-            played = self._codes((actor, True, None), scene, seed, episodes)
+            played = self._messages((actor, True, None), scene, seed, episodes)
         else:
             split, share, noise = HEARD[heard]
             played = self._words((actor, True, vocabulary(split, share, noise)), scene, seed, episodes)
         return played.arrived, played.hit_pedestrian
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Train and play what is missing, and write all three files."""
-    scene_study.make_folder(options.out)
-    console = Console(stderr=True)
-    path = options.out / f"{PROGRAM}.json"
+    console = study.console()
     identity = {
         "seeds": options.seeds, "episodes": options.episodes, "steps": options.steps, "seed": options.seed,
         "phrases": default_table().phrases_hash, "embeddings": default_table().encoder,
         "configs": {f"{suite} {kind}": trained_as(options, suite, kind) for suite, kind, _ in trainings(options)},
     }  # fmt: skip
-    result = {"command": f"python experiments/{PROGRAM}.py", **identity, **provenance()}
-    result["plays"] = scene_study.stored(path, identity, "plays", {})
-    robots = {key: trained(options, *key, console) for key in trainings(options)}
+    begun = study.Study(
+        PROGRAM, options.out, identity, [key for one in trainings(options) for key in plays(options, *one)]
+    )
+    robots = {
+        one: study.trained(configuration(options, *one), " ".join(map(str, one)), console) for one in trainings(options)
+    }
     predictions = [understanding(*robot) for (_, kind, _), robot in robots.items() if kind == "phrases"]
-    result["accuracy"] = accuracy(predictions)
+    begun.result["accuracy"] = accuracy(predictions)
     players = {}
-    for (suite, robot, seed), (run, actor) in robots.items():
-        if (suite, robot) not in players:
-            players[suite, robot] = Player(run)
-        for scene, one in enumerate(run.world.scenes):
-            for heard, episodes in shares(options, suite, robot, seed).items():
-                key = f"{suite}/{one.name}/{robot}/{heard}/{seed}"
-                if key in result["plays"]:
-                    continue
-                arrived, hit = players[suite, robot](actor, heard, scene, episodes, options.seed)
-                result["plays"][key] = {
-                    "episodes": episodes, "success": float(arrived.mean()), "human_collision": float(hit.mean()),
-                    # Which episodes failed: what pairs are made of.
-                    "failed": np.flatnonzero(~arrived).tolist(),
-                }  # fmt: skip
-                console.print(f"{key}: {arrived.mean():.4f}")
-                scene_study.write(path, result)
-    scene_study.write(path, result)
-    path.with_suffix(".md").write_text(language_report.table(result))
-    language_report.draw(result, path.with_suffix(".png"))
-    return result
+    for (suite, kind, seed), (trained, actor) in robots.items():
+        if (suite, kind) not in players:
+            players[suite, kind] = Player(trained)
+        wanted = plays(options, suite, kind, seed)
+        for key in begun.missing(wanted):
+            scene, heard, episodes = wanted[key]
+            arrived, hit = players[suite, kind](actor, heard, scene, episodes, options.seed)
+            row = {
+                "episodes": episodes, "success": float(arrived.mean()), "human_collision": float(hit.mean()),
+                "arrived": packed(arrived[None]),
+            }  # fmt: skip
+            begun.add(key, row)
+            console.print(f"{key}: {arrived.mean():.4f}")
+    return begun.finish(report.table, report.draw)
 
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, language_report.table, PROGRAM, arguments)
+    study.main(Options, run, report.table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import study as scene_study
+from experiments import study
 from experiments.planning.gradient_plans import plan
 from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
@@ -22,7 +22,7 @@ from jaxnav.training.evaluation import episode_keys, wilson_interval
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
-PROGRAM = "plan_by_gradient"
+PROGRAM = "planning.plan_by_gradient"
 BLOCK = 50  # episodes planned at once
 PLAN, STARTS = "plan by gradient", "best of its starts"
 SCRIPTED = {
@@ -44,8 +44,8 @@ class Options:
     the episode, which no robot can, and those who have to be read from the scan as well. And it climbs from where it
     starts: what it reaches, silent steering with that knowledge can reach at least.
 
-    Writes plan_by_gradient.json, .md and .png. A scene that the JSON file holds already, planned with the same options
-    by the same commit, is not planned again: an interrupted study goes on where it was.
+    Writes plan_by_gradient.json, .md and .png. A scene that the JSON file holds already is not planned again: an
+    interrupted study goes on where it was.
 
     Args:
         scenes: scenes to plan in; those of the parity and the hard suite if none is named.
@@ -65,11 +65,13 @@ class Options:
     steps: int = 60
     rate: float = 0.02
     seed: int = 0
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
+        study.check_names(self.scenes, "--scenes", SCENES)
         limits = ("episodes", 1, 100_000), ("starts", 1, 1000), ("iterations", 1, 100_000), ("steps", 1, 100)
-        scene_study.check_options(self, [*limits, ("seed", 0, 2**32 - 1)])
+        study.check_numbers(self, *limits)
+        study.check_seed(self.seed)
         if not 0 < self.rate <= 1:
             raise UserError(f"--rate is {self.rate}: give a number above 0, at most 1")
 
@@ -119,7 +121,7 @@ def play_scene(name, options, advance):
     """What every robot comes to in one scene, by name, and how plans get better, `[iterations + 1]` each."""
     (world, scene), params = world_of(name), default_params((name,))
     found = {}
-    for robot, program in programs(world, dataclasses.replace(options, scenes=(), out=scene_study.RESULTS)).items():
+    for robot, program in programs(world, dataclasses.replace(options, scenes=(), out=study.RESULTS)).items():
         blocks = []
         for first in range(0, options.episodes, BLOCK):
             keys = episode_keys(options.seed, first + jnp.arange(BLOCK))
@@ -143,17 +145,16 @@ def _row(arrived, collided, hit, steps):
     }
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Plan what is missing, and write all three files."""
     settings = {name: getattr(options, name) for name in ("episodes", "starts", "iterations", "steps", "rate", "seed")}
-    names = options.scenes or SUITES["parity"] + SUITES["hard"]
+    begun = study.Study(PROGRAM, options.out, {"options": settings}, SCENES)
     blocks = (1 + len(SCRIPTED)) * math.ceil(options.episodes / BLOCK)
-
-    def scene(name, advance):
-        rows, climb = play_scene(name, options, advance)
-        return {"robots": rows, "by_iteration": climb}
-
-    return scene_study.study(options.out, PROGRAM, {"options": settings}, names, blocks, scene, table, draw)
+    for name in begun.missing(options.scenes or SUITES["parity"] + SUITES["hard"]):
+        with study.progress(study.console(), blocks, name) as advance:
+            rows, climb = play_scene(name, options, advance)
+        begun.add(name, {"robots": rows, "by_iteration": climb})
+    return begun.finish(table, draw)
 
 
 def table(result):
@@ -163,10 +164,11 @@ def table(result):
         f"Success of twists planned by gradient ascent through the world ({options['starts']} starts, "
         f"{options['iterations']} iterations, silent, knowing all that will happen), of the best of their starts, and "
         f"of scripted robots. {options['episodes']:,} episodes a scene, at most {options['steps']} steps, seed "
-        f"{options['seed']}; 95 % Wilson intervals in brackets. Collisions and time-outs are in the JSON file.", "",
+        f"{options['seed']}; 95 % Wilson intervals in brackets. Collisions and time-outs are in the JSON file. "
+        f"{study.sources(result['rows'].values())}", "",
         f"| scene | {' | '.join(ROBOTS)} |", f"|{'---|' * (len(ROBOTS) + 1)}",
     ]  # fmt: skip
-    for name, scene in result["scenes"].items():
+    for name, scene in result["rows"].items():
         rows = [scene["robots"][robot] for robot in ROBOTS]
         cells = ["{:.3f} ({:.3f}-{:.3f})".format(row["success"], *row["success_ci95"]) for row in rows]
         lines.append(f"| {name} | {' | '.join(cells)} |")
@@ -175,7 +177,7 @@ def table(result):
 
 def draw(result, path):
     """Success of every robot with its interval, a panel a suite; and that of the plans by iteration. Writes a PNG."""
-    suites = [[name for name in names if name in result["scenes"]] for names in SUITES.values()]
+    suites = [[name for name in names if name in result["rows"]] for names in SUITES.values()]
     suites = [names for names in suites if names]
     figure = Figure(figsize=(5.5 + 1.7 * sum(map(len, suites)), 4.0), layout="constrained")
     widths = [*map(len, suites), 2]
@@ -185,15 +187,15 @@ def draw(result, path):
     )  # fmt: skip
     for axes, names in zip(panels, suites, strict=True):
         for k, (robot, colour) in enumerate(zip(ROBOTS, colours, strict=True)):
-            rows = [result["scenes"][name]["robots"][robot] for name in names]
+            rows = [result["rows"][name]["robots"][robot] for name in names]
             height = np.array([row["success"] for row in rows])
             low, high = np.array([row["success_ci95"] for row in rows]).T
             at = np.arange(len(names)) + (k - 0.5 * (len(ROBOTS) - 1)) * 0.14
             spread = np.maximum([height - low, high - height], 0.0)
             axes.bar(at, height, 0.13, yerr=spread, color=colour, label=robot, error_kw={"lw": 0.8})
         axes.set_xticks(range(len(names)), names)
-    colours = palette.scene_colours(result["scenes"])
-    for name, scene in result["scenes"].items():
+    colours = palette.scene_colours(result["rows"])
+    for name, scene in result["rows"].items():
         last.plot(scene["by_iteration"]["success"], color=colours[name], label=name)
     last.set_xlabel("iterations of gradient ascent")
     last.legend(frameon=False, fontsize=8)
@@ -210,7 +212,7 @@ def draw(result, path):
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, table, PROGRAM, arguments)
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -10,13 +10,13 @@ import pathlib
 import jax
 import jax.numpy as jnp
 
-from experiments import study as scene_study
+from experiments import study
 from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.training.evaluation import episode_keys, wilson_interval
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
-PROGRAM = "value_of_dialogue"
+PROGRAM = "planning.value_of_dialogue"
 BLOCK = 1000  # episodes played at once
 TWINS = {"planner": (True, True), "deaf": (False, True), "muted": (True, False), "deaf and muted": (False, False)}
 ROBOTS = (*TWINS, "ORCA", "straight line")
@@ -26,8 +26,8 @@ ROBOTS = (*TWINS, "ORCA", "straight line")
 class Options:
     """Play scripted robots in every scene and write what their words are worth.
 
-    Writes value_of_dialogue.json, .md and .png. A scene that the JSON file holds already, played with as many episodes
-    and the same seed by the same commit, is not played again: an interrupted study goes on where it was.
+    Writes value_of_dialogue.json, .md and .png. A scene that the JSON file holds already is not played again: an
+    interrupted study goes on where it was.
 
     Args:
         scenes: scenes to play; all of them if none is named.
@@ -39,10 +39,12 @@ class Options:
     scenes: tuple[str, ...] = ()
     episodes: int = 10_000
     seed: int = 0
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
-        scene_study.check_options(self, [("episodes", 1, 1_000_000), ("seed", 0, 2**32 - 1)])
+        study.check_names(self.scenes, "--scenes", SCENES)
+        study.check_numbers(self, ("episodes", 1, 1_000_000))
+        study.check_seed(self.seed)
 
 
 def play_scene(name, episodes, seed, advance):
@@ -78,26 +80,25 @@ def play_scene(name, episodes, seed, advance):
     return rows
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Play what is missing, and write all three files."""
     blocks = math.ceil(options.episodes / BLOCK)
-
-    def scene(name, advance):
-        return {"robots": play_scene(name, options.episodes, options.seed, advance)}
-
-    settings = {"episodes": blocks * BLOCK, "seed": options.seed}
-    names = options.scenes or tuple(SCENES)
-    return scene_study.study(options.out, PROGRAM, settings, names, len(ROBOTS) * blocks, scene, table, draw)
+    identity = {"episodes": blocks * BLOCK, "seed": options.seed}
+    begun = study.Study(PROGRAM, options.out, identity, SCENES)
+    for name in begun.missing(options.scenes or SCENES):
+        with study.progress(study.console(), len(ROBOTS) * blocks, name) as advance:
+            begun.add(name, {"robots": play_scene(name, options.episodes, options.seed, advance)})
+    return begun.finish(table, draw)
 
 
 def table(result):
     """The result as Markdown."""
     lines = [
         f"Success of scripted robots, {result['episodes']:,} episodes a scene, seed {result['seed']}; 95 % Wilson "
-        "intervals are in the JSON file.", "",
+        f"intervals are in the JSON file. {study.sources(result['rows'].values())}", "",
         f"| scene | {' | '.join(ROBOTS)} | hearing is worth | speaking is worth |", f"|{'---|' * (len(ROBOTS) + 3)}",
     ]  # fmt: skip
-    for name, scene in result["scenes"].items():
+    for name, scene in result["rows"].items():
         success = {robot: row["success"] for robot, row in scene["robots"].items()}
         worth = [round(100 * (success["planner"] - success[twin]), 1) + 0.0 for twin in ("deaf", "muted")]
         cells = [*(f"{success[robot]:.3f}" for robot in ROBOTS), *(f"{points:+.1f} points" for points in worth)]
@@ -111,7 +112,7 @@ def draw(result, path):
 
     from jaxnav.render import palette
 
-    suites = [names for names in SUITES.values() if any(name in result["scenes"] for name in names)]
+    suites = [names for names in SUITES.values() if any(name in result["rows"] for name in names)]
     figure = Figure(figsize=(4.2 * len(suites), 3.6), layout="constrained")
     colours = dict(
         zip(
@@ -121,9 +122,9 @@ def draw(result, path):
         )
     )
     for axes, names in zip(figure.subplots(1, len(suites), sharey=True, squeeze=False)[0], suites, strict=True):
-        names = [name for name in names if name in result["scenes"]]
+        names = [name for name in names if name in result["rows"]]
         for k, robot in enumerate(ROBOTS):
-            rows = [result["scenes"][name]["robots"][robot] for name in names]
+            rows = [result["rows"][name]["robots"][robot] for name in names]
             heights = [row["success"] for row in rows]
             spread = [
                 [h - row["success_ci95"][0] for h, row in zip(heights, rows, strict=True)],
@@ -153,7 +154,7 @@ def draw(result, path):
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, table, PROGRAM, arguments)
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

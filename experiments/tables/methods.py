@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments import over_seeds
-from experiments import study as scene_study
+from experiments import over_seeds, study
 from jaxnav.agents.networks import message_codes
 from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
 from jaxnav.errors import UserError
@@ -23,7 +22,7 @@ from jaxnav.world import SUITES
 BLOCK = 500  # episodes played at once
 REPORTED = 32_000  # environment steps between two lines of progress
 DRAWN = 6  # episodes of each scene in the figure of a method's trajectories
-TUNED = scene_study.RESULTS / "tuning.json"
+TUNED = study.RESULTS / "tuning.json"
 
 # Scenes whose robots share a compiled program: those of one number of pedestrians.
 GROUPS = (SUITES["parity"], ("narrow", "doorway", "corner"), ("crossflow",))
@@ -75,7 +74,9 @@ def tuned_hyperparameters(algo):
     try:
         return json.loads(TUNED.read_text())["algorithms"][algo]["best"]
     except (OSError, ValueError, KeyError) as error:
-        raise UserError(f"{TUNED} says nothing of {algo} ({error!r}): run python -m experiments.tables.tune") from None
+        raise UserError(
+            f"{TUNED} says nothing of {algo} ({error!r}): run python -m experiments.tables.tuning"
+        ) from None
 
 
 def configuration(method, scenes, env_steps):

@@ -1,6 +1,6 @@
 """Our three tables as Markdown, beside the paper's numbers.
 
-A result is what tables.py writes, a dict: `table`, `rows` (a scene, method and budget each), `pairs` and provenance.
+A result is what table.py writes, a dict: `table`, `rows` (a scene, method and budget each), `pairs` and provenance.
 """
 
 import dataclasses
@@ -9,7 +9,7 @@ import itertools
 from experiments.over_seeds import REACHED, suite_iqm
 from jaxnav.world import SCENES, SUITES
 
-TITLES = {"table1": "Methods", "table2": "Two codes against four", "table3": "With and without language, and muted"}
+TITLES = {"table1": "Methods", "table2": "Two requests against four", "table3": "With and without language, and muted"}
 NAMES = {
     "success": "success", "collision": "collision", "human_collision": "human collisions", "timeout": "time-outs",
     "steps": "steps", "min_distance": "minimum distance (m)", "comfort": "comfort", "train_hours": "training (h)",
@@ -18,7 +18,7 @@ RATES = ("success", "collision", "human_collision", "timeout")
 # What a method hears and may ask, where its name doesn't tell.
 MEANINGS = {
     "HSAC": "HSAC: hybrid soft actor-critic, hearing phrases of the test split, with all that there is to ask.",
-    "HSAC, 2 codes": "2 codes: it may ask to stop, and nothing else.",
+    "HSAC, 2 requests": "2 requests: it may ask to stop, or for nothing.",
     "HSAC muted": "Muted: HSAC, whose requests nobody hears when it is played.",
     "HSAC told what is meant": "Told what is meant: HSAC, given the message itself when it is played.",
     "HSAC that only hears": "Only hears: trained with nothing to ask.",
@@ -39,9 +39,9 @@ _PAPER = {
                       "PPO": (.46, .53, 33.33, 10.8, .53, .54, .91), "HSAC-LLM": (.91, .09, 32.80, 2.0, .08, .40, .92)},
     }),
     "table2": (("success", "collision", "steps", "train_hours"), {
-        "square": {"2 codes": (.90, .10, 20.84, 1.45), "4 codes": (.91, .08, 19.96, 1.60)},
-        "hallway": {"2 codes": (.92, .08, 29.56, 1.67), "4 codes": (.93, .07, 27.10, 1.89)},
-        "crosswalk": {"2 codes": (.87, .13, 35.22, 1.78), "4 codes": (.91, .09, 32.80, 2.04)},
+        "square": {"2 requests": (.90, .10, 20.84, 1.45), "4 requests": (.91, .08, 19.96, 1.60)},
+        "hallway": {"2 requests": (.92, .08, 29.56, 1.67), "4 requests": (.93, .07, 27.10, 1.89)},
+        "crosswalk": {"2 requests": (.87, .13, 35.22, 1.78), "4 requests": (.91, .09, 32.80, 2.04)},
     }),
     "table3": (("success", "collision", "steps", "human_collision"), {
         "square": {"without language": (.86, .14, 20.02, .14), "with language": (.91, .08, 19.96, .07)},

@@ -3,14 +3,14 @@
 python -m experiments.tables.table1 --help
 """
 
-from experiments.tables import table as tables
+from experiments.tables import table
 
 METHODS = ("HSAC", "TD3", "PPO", "A2C")
 
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table1", METHODS, [("HSAC", other) for other in (*METHODS[1:], "planner")], arguments)
+    table.main("table1", METHODS, [("HSAC", other) for other in (*METHODS[1:], "planner")], arguments)
 
 
 if __name__ == "__main__":

@@ -5,14 +5,14 @@ python -m experiments.tables.table2 --help
 
 import dataclasses
 
-from experiments.tables import table as tables
+from experiments.tables import table
 from jaxnav.errors import UserError
 from jaxnav.training.config import ALGORITHMS
 
 
 @dataclasses.dataclass(frozen=True)
-class Options(tables.Options):
-    __doc__ = f"{tables.Options.__doc__}    algo: the learner whose requests are counted; only hsac has any.\n    "
+class Options(table.Options):
+    __doc__ = f"{table.Options.__doc__}    algo: the learner whose requests are counted; only hsac has any.\n    "
 
     algo: str = "hsac"
 
@@ -21,12 +21,12 @@ class Options(tables.Options):
         if self.algo not in ALGORITHMS:
             raise UserError(f"--algo {self.algo!r} is unknown: choose hsac")
         if self.algo != "hsac":
-            raise UserError(f"--algo is {self.algo}: it emits no requests, and Table II compares codes; choose hsac")
+            raise UserError(f"--algo is {self.algo}: it emits no requests, and Table II compares requests; choose hsac")
 
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table2", ("HSAC", "HSAC, 2 requests"), [("HSAC", "HSAC, 2 requests")], arguments, Options)
+    table.main("table2", ("HSAC", "HSAC, 2 requests"), [("HSAC", "HSAC, 2 requests")], arguments, Options)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ is meant instead of hearing it said.
 python -m experiments.tables.table3 --help
 """
 
-from experiments.tables import table as tables
+from experiments.tables import table
 
 METHODS = ("HSAC", "HSAC muted", "HSAC told what is meant", "HSAC that only hears", "HSAC without language")
 PAIRS = [("HSAC", other) for other in METHODS[1:]] + [("HSAC that only hears", "HSAC without language")]
@@ -12,7 +12,7 @@ PAIRS = [("HSAC", other) for other in METHODS[1:]] + [("HSAC that only hears", "
 
 def main(arguments=None):
     """Entry point."""
-    tables.main("table3", METHODS, PAIRS, arguments)
+    table.main("table3", METHODS, PAIRS, arguments)
 
 
 if __name__ == "__main__":

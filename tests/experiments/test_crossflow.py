@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments import crossflow as program
-from experiments.tables import methods as cells
+from experiments.tables import methods
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary
@@ -46,7 +46,7 @@ class FakePrograms:
 
     def play(self, policies, method, scene, seed, episodes):
         assert (policies, scene, seed, episodes) == ("policies", 0, VALIDATION_SEED, EPISODES)
-        assert method == cells.METHODS["HSAC"]
+        assert method == methods.METHODS["HSAC"]
         least = 35 if self.config.world.nearest == 8 else 40
         return summary([least, least + 2])
 
@@ -57,11 +57,11 @@ def done(monkeypatch):
     FakePrograms.done = []
 
     def player(world, params, policy):
-        assert policy is cells.SCRIPTED["planner"][0] and [scene.name for scene in world.scenes] == ["crossflow"]
+        assert policy is methods.SCRIPTED["planner"][0] and [scene.name for scene in world.scenes] == ["crossflow"]
         return lambda policy_params, scene, seed, episodes: EpisodeSummary(*(leaf[0] for leaf in summary([10])))
 
-    monkeypatch.setattr(cells, "Programs", FakePrograms)
-    monkeypatch.setattr(cells, "Player", player)
+    monkeypatch.setattr(methods, "Programs", FakePrograms)
+    monkeypatch.setattr(methods, "Player", player)
     return FakePrograms.done
 
 
@@ -87,9 +87,15 @@ def test_each_variant_is_trained_once_and_compared_over_the_same_episodes(tmp_pa
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda result: result["rows"]["eight"]["config"]["world"].update(nearest=3), "eight (world.nearest"),
-        (lambda result: result["rows"]["planner"]["config"]["params"].update(max_v=9), "planner (params.max_v"),
-        (lambda result: result["rows"].update(old=result["rows"]["eight"]), "'old', which is no variant"),
+        (
+            lambda result: result["rows"]["eight"]["config"]["world"].update(nearest=3),
+            "eight of another configuration (world.n",
+        ),
+        (
+            lambda result: result["rows"]["planner"]["config"]["params"].update(max_v=9),
+            "planner of another configuration (par",
+        ),
+        (lambda result: result["rows"].update(old=result["rows"]["eight"]), "'old', which is no row"),
         (lambda result: result.update(seeds=3), "seeds differ"),
     ],
 )

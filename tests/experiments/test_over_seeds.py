@@ -11,7 +11,7 @@ from scipy.stats import binomtest, bootstrap, trim_mean
 from experiments import over_seeds
 from jaxnav.training.evaluation import wilson_interval
 
-from .made_up import scenes
+from .tables.made_up import scenes
 
 SHARE = st.integers(0, 200).map(lambda count: count / 200)
 SHARES = st.lists(SHARE, min_size=1, max_size=8)

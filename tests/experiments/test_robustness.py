@@ -1,6 +1,7 @@
 """The robustness study with made-up plays: what is played, what it says, and that it goes on; and `tricks.arrival`."""
 
 import json
+import pathlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from experiments import robustness as program
-from experiments import tricks
+from experiments import study, tricks
 
 SCENES = ("square", "hallway", "crosswalk")
 
@@ -18,7 +19,7 @@ def played(monkeypatch):
     """The values that a study plays, in order. The plain robot is worse the further `crowd_size` is from 1."""
     done = []
 
-    def trained(options, robot, console):
+    def trained(config, robot, console):
         world = SimpleNamespace(scenes=[SimpleNamespace(name=name) for name in SCENES])
         return SimpleNamespace(world=world), robot
 
@@ -30,7 +31,7 @@ def played(monkeypatch):
 
         return arrived
 
-    monkeypatch.setattr(program, "trained", trained)
+    monkeypatch.setattr(study, "trained", trained)
     monkeypatch.setattr(program, "player", player)
     return done
 
@@ -41,17 +42,16 @@ def test_every_robot_plays_every_value_once(tmp_path, played, capsys):
     values = sum(len(values) for _, values in program.AXES.values())
     assert len(played) == 2 * values and all(legal for *_, legal in played)
     result = json.loads((tmp_path / "robustness.json").read_text())
-    assert result["plays"]["plain/crowd_size/8"] == pytest.approx(dict.fromkeys(SCENES, 0.55))
+    assert result["rows"]["plain/crowd_size/8"]["success"] == pytest.approx(dict.fromkeys(SCENES, 0.55))
     table = (tmp_path / "robustness.md").read_text()
     assert capsys.readouterr().out == table
     assert "| 8 | 0.550 (0.532-0.568) | 0.900 (0.889-0.910) |" in table
-    assert result["commits"].keys() == result["plays"].keys()
-    theirs = result["commits"] | {"plain/crowd_size/8": "one before"}
-    (tmp_path / "robustness.json").write_text(json.dumps(result | {"commits": theirs}))
+    result["rows"]["plain/crowd_size/8"]["git_commit"] = "one before"
+    (tmp_path / "robustness.json").write_text(json.dumps(result))
     program.main(arguments)
     assert len(played) == 2 * values
-    now = result["commits"]["plain/crowd_size/1"]
-    assert f"commits: {', '.join(sorted({str(now), 'one before'}))}." in (tmp_path / "robustness.md").read_text()
+    now = result["rows"]["plain/crowd_size/1"]["git_commit"]
+    assert f"commit: {', '.join(sorted({str(now), 'one before'}))}." in (tmp_path / "robustness.md").read_text()
     with pytest.raises(SystemExit) as stop:
         program.main(["--out", str(tmp_path), "--episodes", "2000"])
     assert stop.value.code == 2 and "episodes differ" in capsys.readouterr().err
@@ -62,7 +62,7 @@ def test_what_is_missing_is_played_again_by_the_same_robot_or_all_of_it_by_anoth
     program.main(arguments)
     values = len(played) // 2
     result = json.loads((tmp_path / "out" / "robustness.json").read_text())
-    del result["plays"]["plain/crowd_size/8"]
+    del result["rows"]["plain/crowd_size/8"]
     for there, count in ((True, 1), (False, values)):
         if there:
             (tmp_path / "runs" / "plain").mkdir(parents=True)
@@ -80,19 +80,19 @@ def test_an_interrupted_training_does_not_keep_the_plays_of_the_one_before(tmp_p
     program.main(arguments)
     values, path = len(played) // 2, tmp_path / "out" / "robustness.json"
     result = json.loads(path.read_text())
-    del result["plays"]["plain/crowd_size/8"]
+    del result["rows"]["plain/crowd_size/8"]
     path.write_text(json.dumps(result))
-    whole = program.trained
+    whole = study.trained
 
-    def interrupted(options, robot, console):
-        (options.runs / robot).mkdir(parents=True)
-        (options.runs / robot / "config.json").touch()
+    def interrupted(config, robot, console):
+        pathlib.Path(config.out).mkdir(parents=True)
+        pathlib.Path(config.out, "config.json").touch()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(program, "trained", interrupted)
+    monkeypatch.setattr(study, "trained", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        program.study(program.Options(out=tmp_path / "out", runs=tmp_path / "runs"))
-    monkeypatch.setattr(program, "trained", whole)
+        program.run(program.Options(out=tmp_path / "out", runs=tmp_path / "runs"))
+    monkeypatch.setattr(study, "trained", whole)
     played.clear()
     program.main(arguments)
     assert [robot for robot, *_ in played] == ["plain"] * values

@@ -7,7 +7,7 @@ import os
 import pytest
 import torch
 
-from experiments.exporting import exported
+from experiments.exporting import single_states
 from jaxnav.agents.encoders import PARTS
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
@@ -15,7 +15,7 @@ from jaxnav.export.modules import modules
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.run import Run
 
-# Every encoder, head, language, learner and kind of twist at least once; experiments/exporting/exported.py has all combinations.
+# Every encoder, head, language, learner and kind of twist at least once; experiments/exporting has all combinations.
 CONFIGURATIONS = {
     "lidar": ("hsac", {"encoder": "lidar"}, {}),
     "approach": (
@@ -41,7 +41,7 @@ def made(name, folder):
     world = {"observation": PARTS[agent.encoder], "params": params, "scenes": ("square", "hallway")} | world
     world = dataclasses.replace(base.world, **world)
     run = Run(resolve(dataclasses.replace(base, agent=agent, world=world, out=str(folder / name))))
-    return run, exported.random_actor(run, seed=1)
+    return run, single_states.random_actor(run, seed=1)
 
 
 @pytest.fixture(scope="session")

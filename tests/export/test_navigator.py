@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.exporting import exported, navigated
+from experiments.exporting import navigated
 from jaxnav.training.config import resolve
 from jaxnav.training.run import Run
 
@@ -72,7 +72,7 @@ def test_it_observes_what_the_world_does(name, bundles, robot):
     meant = None if crowd else _meanings()
     navigated.by_navigators(
         worlds, lambda: _understanding(navigator.Navigator(str(folder), safety=False), meant),
-        exported.laser(scans, run), act,
+        navigated.laser(scans, run), act,
     )  # fmt: skip
     rows = [(step, i) for step, who in enumerate(drives) for i in who]
     assert len(rows) == len(given) > 500

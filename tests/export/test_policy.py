@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from experiments.exporting import exported
+from experiments.exporting import single_states
 from jaxnav.export.bundle import GOLDEN, ROBOT
 from jaxnav.export.reference import Reference
 from jaxnav.language import sides
@@ -24,7 +24,7 @@ def test_it_computes_what_the_policy_in_jax_does(name, bundles, robot):
     episodes = reference.play(seed=5)
     inputs, outputs = reference.sample(episodes, GOLDEN, seed=6)  # as many as were recorded: compiled already
     exact = policy.Policy(str(folder))
-    found = exported.difference(policy, exact, inputs, outputs)
+    found = single_states.difference(policy, exact, inputs, outputs)
     assert max(found["v"], found["w"]) <= 1e-5 and found["requests"] == 0, found
     # What is compared is no constant: decisions differ a thousand times as much from state to state.
     assert min(np.ptp(outputs["v"]), np.ptp(outputs["w"])) > 0.01

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.exporting import exported, navigated
+from experiments.exporting import navigated
 from jaxnav.export.modules import modules
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.run import Run
@@ -120,12 +120,12 @@ def test_no_adversary_hits_a_wall(bundles, robot, full):
     world = dataclasses.replace(world, params=world.params.replace(max_steps=25.0))
     run = Run(resolve(dataclasses.replace(base, world=world, out="runs/none")))
     folder, policy, navigator, scans = robot("lidar")
-    scan_of, episodes = exported.laser(scans, run), 500 if full else 12
+    scan_of, episodes = navigated.laser(scans, run), 500 if full else 12
     hits = {}
     for safety in (True, False):
         ends, share = navigated.by_navigators(
             navigated.Worlds(run, 1, episodes), lambda safety=safety: navigator.Navigator(str(folder), safety=safety),
-            scan_of, exported.adversary(policy, run),
+            scan_of, navigated.adversary(policy, run),
         )  # fmt: skip
         hits[safety] = ends.hit_wall.sum()
         assert (share > 0.5) == safety

@@ -31,7 +31,7 @@ def test_the_papers_tables_agree_with_each_other_where_they_are_of_the_same_robo
     }  # fmt: skip
     for scene in SUITES["parity"]:
         ours = report.PAPER["table1"][scene]["HSAC-LLM"]
-        four, language = report.PAPER["table2"][scene]["4 codes"], report.PAPER["table3"][scene]["with language"]
+        four, language = report.PAPER["table2"][scene]["4 requests"], report.PAPER["table3"][scene]["with language"]
         assert {**ours, **four, "train_hours": round(four["train_hours"], 1)} == ours
         assert {**ours, **language} == ours
 

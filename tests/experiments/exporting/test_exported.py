@@ -7,7 +7,7 @@ import pytest
 
 from experiments.exporting import exported as program
 
-PARITY = {"states": 100, "v": 2e-7, "w": 6e-7, "codes": 0, "ties": 1, "replays": [{"error": 5e-7, "where": "here"}]}
+PARITY = {"states": 100, "v": 2e-7, "w": 6e-7, "requests": 0, "ties": 1, "replays": [{"error": 5e-7, "where": "here"}]}
 
 
 @pytest.fixture

@@ -83,20 +83,19 @@ def test_a_study_writes_its_files_and_goes_on_where_it_was(tmp_path, monkeypatch
     result = json.loads(text)
     assert str(tmp_path) not in text
     assert {"options", "versions", "git_commit", "device"} <= result.keys()
-    assert list(result["scenes"]) == ["square", "doorway"]
-    rows = result["scenes"]["doorway"]["robots"]
+    assert list(result["rows"]) == ["square", "doorway"]
+    rows = result["rows"]["doorway"]["robots"]
     assert [rows[robot]["success"] for robot in plan_by_gradient.ROBOTS] == [44 / 60, 14 / 60, 1.0, 1.0, 1.0, 1.0]
     assert rows["plan by gradient"]["success_ci95"][0] < 44 / 60 < rows["plan by gradient"]["success_ci95"][1]
     assert rows["plan by gradient"]["collision"] == 16 / 60 and rows["plan by gradient"]["timeout"] == 0.0
-    assert result["scenes"]["doorway"]["by_iteration"]["success"] == pytest.approx([14 / 60, 28 / 60, 44 / 60])
+    assert result["rows"]["doorway"]["by_iteration"]["success"] == pytest.approx([14 / 60, 28 / 60, 44 / 60])
     assert "| doorway | 0.733 (0.610-0.829) |" in capsys.readouterr().out
     picture = cv2.imread(str(tmp_path / "plan_by_gradient.png"))
     assert picture is not None and picture.shape[0] > 300 and np.ptp(picture) == 255
 
-    plan_by_gradient.main(["--scenes", "doorway", *options, "--seed", "1"])  # other episodes: nothing is kept
-    assert len(calls) == 3 and list(json.loads((tmp_path / "plan_by_gradient.json").read_text())["scenes"]) == [
-        "doorway"
-    ]
+    with pytest.raises(SystemExit):
+        plan_by_gradient.main(["--scenes", "doorway", *options, "--seed", "1"])
+    assert "another configuration (options.seed differ)" in capsys.readouterr().err and len(calls) == 2
 
 
 @pytest.mark.parametrize(

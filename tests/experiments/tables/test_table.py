@@ -9,24 +9,21 @@ import jax
 import numpy as np
 import pytest
 
-from experiments.tables import figure, table1, table2, table3, tune
-from experiments.tables import methods as cells
-from experiments.tables import table as tables
+from experiments.tables import figure, methods, runs, table, table1, table2, table3, trajectories, tuning
 from jaxnav.training import evaluation
 from jaxnav.training.config import preset
-from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.population import Trained, member
 from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import Params
 
-SCENES = [scene for group in cells.GROUPS for scene in group]
+SCENES = [scene for group in methods.GROUPS for scene in group]
 
 
 class FakePrograms:
     """Trains and plays nothing: success depends on algorithm, scene and voice; seed 1 of TD3 breaks."""
 
     done: list
-    play = cells.Programs.play
+    play = methods.Programs.play
 
     def __init__(self, config, seeds, is_told=False):
         self.config, self.members, self.spoken = config, seeds, None
@@ -60,18 +57,18 @@ class FakePrograms:
 def run(monkeypatch, tmp_path):
     """A function (program, *arguments) that runs it in a folder of its own."""
     FakePrograms.done = []
-    monkeypatch.setattr(cells, "Programs", FakePrograms)
-    monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
+    monkeypatch.setattr(methods, "Programs", FakePrograms)
+    monkeypatch.setattr(trajectories, "draw", lambda table: None)
     monkeypatch.setattr(figure, "draw", lambda result, path: path.write_bytes(b"png"))
-    monkeypatch.setattr(tables, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
-    monkeypatch.setattr(cells, "SCRIPTED", {})
+    monkeypatch.setattr(runs, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
+    monkeypatch.setattr(methods, "SCRIPTED", {})
     tuned = {"algorithms": {algo: {"best": {"discount": 0.96}} for algo in ("hsac", "td3", "ppo", "a2c")}}
     (tmp_path / "tuning.json").write_text(json.dumps(tuned))
-    monkeypatch.setattr(cells, "TUNED", tmp_path / "tuning.json")
+    monkeypatch.setattr(methods, "TUNED", tmp_path / "tuning.json")
 
     def run(program, *arguments):
         program.main(["--out", str(tmp_path / "out"), "--runs", str(tmp_path / "runs"), *arguments])
-        name = program.__name__
+        name = program.__name__.rpartition(".")[2]
         return json.loads((tmp_path / "out" / f"{name}.json").read_text())
 
     return run
@@ -84,7 +81,7 @@ def test_every_method_scene_and_budget_has_a_row(run):
     assert {row["env_steps"] for row in result["rows"] if row["budget"] == "paper"} == {128_000}
     trained = [what for what in FakePrograms.done if what[0] == "train"]
     assert len(trained) == len(set(trained)) == len(SCENES) * len(table1.METHODS)  # both budgets are one training
-    assert len([what for what in FakePrograms.done if what[0] == "compile"]) == len(cells.GROUPS) * 4
+    assert len([what for what in FakePrograms.done if what[0] == "compile"]) == len(methods.GROUPS) * 4
     assert result["commit"] == "abc" and result["config"]["methods"]["HSAC"]["hyper"]["discount"] == 0.96
     hsac = next(row for row in result["rows"] if row["method"] == "HSAC")
     assert hsac["success"]["per_seed"] == [0.9] * 3 and hsac["comfort"]["mean"] == 0.75
@@ -108,7 +105,7 @@ def test_measures_are_of_the_episodes_that_they_are_about():
         steps=np.array([[10, 20, 40], [5, 5, 10]]), min_distance=np.array([[0.5, 1.0, 0.1], [0.2, 0.2, 0.2]]),
         comfortable_steps=np.array([[10, 10, 15], [0, 0, 5]]), request=np.zeros((2, 3), int), replied=no, agreed=no,
     )  # fmt: skip
-    found = {name: measure["per_seed"] for name, measure in cells.measures(played).items()}
+    found = {name: measure["per_seed"] for name, measure in methods.measures(played).items()}
     assert found == {
         "success": pytest.approx([2 / 3, 0.0]), "collision": pytest.approx([1 / 3, 1.0]),
         "human_collision": pytest.approx([1 / 3, 2 / 3]), "timeout": [0.0, 0.0],
@@ -121,7 +118,7 @@ def test_who_is_told_is_given_the_messages_themselves():
     observation = SimpleNamespace(dialogue=SimpleNamespace(message=np.array([0, 1, 2, 3])))
     world = SimpleNamespace(observe=lambda state, params: observation)
     agent = SimpleNamespace(answer=lambda actor, observation, heard: (actor, heard))
-    actor, heard = cells.told(agent)(("actor", True, "words"), None, world, None)
+    actor, heard = methods.told(agent)(("actor", True, "words"), None, world, None)
     assert actor == "actor"
     np.testing.assert_array_equal(heard, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
@@ -133,12 +130,12 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
     assert FakePrograms.done == first and len(again["rows"]) == 3 * 4 * 2
     whole = run(table1, "--seeds", "2", "--episodes", "20")
     later = FakePrograms.done[len(first) :]
-    assert {what[2] for what in later if what[0] == "train"} == set(cells.GROUPS[1] + cells.GROUPS[2])
+    assert {what[2] for what in later if what[0] == "train"} == set(methods.GROUPS[1] + methods.GROUPS[2])
     assert len(whole["rows"]) == len(SCENES) * 4 * 2
     assert {(row["budget"], row["episodes"]) for row in whole["rows"]} == {("paper", 20), ("converged", 20)}
     FakePrograms.done = []
     run(table2, "--seeds", "2", "--episodes", "20")
-    assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # of 2 codes alone
+    assert len([what for what in FakePrograms.done if what[0] == "train"]) == len(SCENES)  # of 2 requests alone
     FakePrograms.done = []
     result = run(table3, "--seeds", "2", "--episodes", "20")
     trained = [what for what in FakePrograms.done if what[0] == "train"]
@@ -152,7 +149,7 @@ def test_a_half_finished_table_goes_on_and_tables_share_their_trainings(run, tmp
 
 def test_an_interrupted_training_is_done_again_and_nothing_else(run, tmp_path):
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
-    (tmp_path / "runs" / "hsac-2-codes-hallway-paper" / "played.npz").unlink()
+    (tmp_path / "runs" / "hsac-2-requests-hallway-paper" / "played.npz").unlink()
     (tmp_path / "out" / "table2.json").unlink()
     FakePrograms.done = []
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
@@ -166,12 +163,12 @@ def test_rows_alone_carry_on_where_trainings_are_gone(run, tmp_path):
     FakePrograms.done = []
     result = run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert {what[:2] for what in FakePrograms.done if what[0] == "train"} == {("train", "hsac")}
-    assert len([what for what in FakePrograms.done if what[0] == "train"]) == 3  # of 2 codes alone
-    assert {pair["scene"] for pair in result["pairs"]} == set(cells.GROUPS[0])
+    assert len([what for what in FakePrograms.done if what[0] == "train"]) == 3  # of 2 requests alone
+    assert {pair["scene"] for pair in result["pairs"]} == set(methods.GROUPS[0])
     shutil.rmtree(tmp_path / "runs")
     FakePrograms.done = []
     whole = run(table1, "--seeds", "2", "--episodes", "20")
-    assert {what[2] for what in FakePrograms.done if what[0] == "train"} == set(cells.GROUPS[1] + cells.GROUPS[2])
+    assert {what[2] for what in FakePrograms.done if what[0] == "train"} == set(methods.GROUPS[1] + methods.GROUPS[2])
     assert len(whole["rows"]) == len(SCENES) * 4 * 2
 
 
@@ -186,12 +183,12 @@ def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, m
             played.append((self.scene, episodes))
             return FakePrograms.player(FakePrograms(preset("quick"), 1), (0.0, False, None), 0, seed, episodes)
 
-    monkeypatch.setattr(cells, "SCRIPTED", {"planner": (None, None)})
-    monkeypatch.setattr(cells, "Player", FakePlayer)
+    monkeypatch.setattr(methods, "SCRIPTED", {"planner": (None, None)})
+    monkeypatch.setattr(methods, "Player", FakePlayer)
     first = run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
-    assert played == [(scene, 40) for scene in cells.GROUPS[0]]
+    assert played == [(scene, 40) for scene in methods.GROUPS[0]]
     later = {"git_commit": "def", "device": "another", "versions": {}}
-    monkeypatch.setattr(tables, "provenance", lambda: later)
+    monkeypatch.setattr(runs, "provenance", lambda: later)
     again = run(table3, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert len(played) == 3
     for result in (first, again):
@@ -203,7 +200,7 @@ def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, m
     assert len(played) == 3
     paired = {(p["scene"], p["budget"]): p["difference"] for p in result["pairs"] if p["other"] == "planner"}
     # HSAC arrives in nine of ten episodes, who is made up here in eight.
-    assert paired == {(s, b): pytest.approx(0.1) for s in cells.GROUPS[0] for b in ("paper", "converged")}
+    assert paired == {(s, b): pytest.approx(0.1) for s in methods.GROUPS[0] for b in ("paper", "converged")}
 
 
 def test_a_training_is_timed_once_whoever_was_played_after_it(run, tmp_path):
@@ -214,8 +211,8 @@ def test_a_training_is_timed_once_whoever_was_played_after_it(run, tmp_path):
         for (method, budget), row in rows.items() if method != "HSAC without language"
     ]  # fmt: skip
     assert len(timed) == 7  # three kinds of playing one training of two budgets, and another training
-    options = tables.Options(seeds=2, episodes=20, runs=tmp_path / "runs", out=tmp_path / "out")
-    assert tables.Study(options, table3.METHODS)._train_seconds(timed) == 32.0
+    options = table.Options(seeds=2, episodes=20, runs=tmp_path / "runs", out=tmp_path / "out")
+    assert table.Table(options, table3.METHODS).train_seconds(timed) == 32.0
 
 
 def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
@@ -227,21 +224,21 @@ def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
         agent=dataclasses.replace(base.agent, actor_widths=(16,), critic_widths=(16,)),
         train=dataclasses.replace(base.train, episodes=8, steps_per_chunk=5, total_steps=10),
     )
-    monkeypatch.setattr(cells, "configuration", lambda method, scenes, env_steps: small)
-    monkeypatch.setattr(cells, "GROUPS", (("square",),))
-    monkeypatch.setattr(cells, "SCRIPTED", {})
-    monkeypatch.setattr(tables, "PAPER_STEPS", 40)
-    monkeypatch.setattr(tables.Study, "trajectories", lambda self: None)
+    monkeypatch.setattr(methods, "configuration", lambda method, scenes, env_steps: small)
+    monkeypatch.setattr(methods, "GROUPS", (("square",),))
+    monkeypatch.setattr(methods, "SCRIPTED", {})
+    monkeypatch.setattr(table, "PAPER_STEPS", 40)
+    monkeypatch.setattr(trajectories, "draw", lambda table: None)
     monkeypatch.setattr(figure, "draw", lambda result, path: None)
-    for module in (cells, evaluation):
+    for module in (methods, evaluation):
         monkeypatch.setattr(module, "BLOCK", 16)
     sizes = ["--seeds", "2", "--episodes", "16", "--converged", "80", "--suite", "parity"]
-    tables.main("table1", ("A2C",), [], [*sizes, "--runs", str(tmp_path), "--out", str(tmp_path / "out")])
+    table.main("table1", ("A2C",), [], [*sizes, "--runs", str(tmp_path), "--out", str(tmp_path / "out")])
     result = json.loads((tmp_path / "out" / "table1.json").read_text())
     rows = result["rows"]
     assert result["train_seconds"] == rows[1]["train_seconds"] > 0  # both budgets are one training
     assert [(row["budget"], row["env_steps"]) for row in rows] == [("paper", 40), ("converged", 80)]
-    programs = cells.Programs(small, 2)
+    programs = methods.Programs(small, 2)
     early, late = (programs.policies(tmp_path / f"a2c-square-{row['budget']}") for row in rows)
     assert any((a != b).any() for a, b in zip(jax.tree.leaves(early), jax.tree.leaves(late), strict=True))
     evaluator = evaluation.Evaluator(programs.population.world, programs.agent, small.world.params)
@@ -296,27 +293,27 @@ def test_a_table_of_nothing_is_none(run, capsys, tmp_path):
 
 def test_trainings_of_another_configuration_are_not_used(run, capsys, tmp_path):
     run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
-    tuned = json.loads(cells.TUNED.read_text())
+    tuned = json.loads(methods.TUNED.read_text())
     tuned["algorithms"]["hsac"]["best"]["discount"] = 0.5
-    cells.TUNED.write_text(json.dumps(tuned))
+    methods.TUNED.write_text(json.dumps(tuned))
     (tmp_path / "out" / "table2.json").unlink()
     line = refused(run, capsys, table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert "training.json is of another configuration (hyper.discount differ)" in line and "--runs" in line
 
 
-def test_an_algorithm_without_codes_is_refused_for_table_2(run, capsys, monkeypatch):
+def test_an_algorithm_without_requests_is_refused_for_table_2(run, capsys, monkeypatch):
     line = refused(run, capsys, table2, "--algo", "td3")
-    assert "td3" in line and "codes" in line and "hsac" in line
+    assert "td3" in line and "requests" in line and "hsac" in line
 
 
 def test_untuned_algorithms_are_named(run, capsys):
-    cells.TUNED.unlink()
-    assert "python -m experiments.tables.tune" in refused(run, capsys, table1)
+    methods.TUNED.unlink()
+    assert "python -m experiments.tables.tuning" in refused(run, capsys, table1)
 
 
 def test_draws_of_tuning_stay_in_their_ranges():
-    for algo, space in tune.SPACES.items():
-        values = tune.drawn(space, 200, np.random.default_rng(0))
+    for algo, space in tuning.SPACES.items():
+        values = tuning.drawn(space, 200, np.random.default_rng(0))
         assert values.keys() == space.keys(), algo
         for name, (low, high) in space.items():
             assert low <= values[name].min() and values[name].max() <= high
@@ -328,25 +325,21 @@ def test_tuning_is_not_done_twice(tmp_path, monkeypatch, capsys):
 
     def fake(algo, options, console):
         tuned.append(algo)
-        base = preset("quick", algo)
-        hyper = {name: getattr(base.hyper, name) for name in tune.SPACES[algo]}
+        hyper = {name: getattr(preset("quick", algo).hyper, name) for name in tuning.SPACES[algo]}
         trial = {"hyper": hyper, "success": {"narrow": 0.5}, "score": 0.5, "broken": None}
-        return {
-            "best": hyper, "trials": [trial] * options.trials, "device": "none", "git_commit": "abc",
-            "agent": to_json(base.agent), "train": to_json(base.train),
-        }  # fmt: skip
+        return {"best": hyper, "trials": [trial] * options.trials}
 
-    monkeypatch.setattr(tune, "tune", fake)
-    tune.main(["--out", str(tmp_path), "--trials", "2"])
+    monkeypatch.setattr(tuning, "tune", fake)
+    tuning.main(["--out", str(tmp_path), "--trials", "2"])
     assert tuned == ["hsac", "td3", "ppo", "a2c"]
-    tune.main(["--out", str(tmp_path), "--trials", "2"])
+    tuning.main(["--out", str(tmp_path), "--trials", "2"])
     assert len(tuned) == 4
     with pytest.raises(SystemExit):
-        tune.main(["--out", str(tmp_path), "--trials", "3"])
+        tuning.main(["--out", str(tmp_path), "--trials", "3"])
     assert "trials differ" in capsys.readouterr().err
     stored = json.loads((tmp_path / "tuning.json").read_text())
-    stored["algorithms"]["td3"]["agent"]["batch"] = 7
+    stored["algorithms"]["td3"]["config"]["agent"]["batch"] = 7
     (tmp_path / "tuning.json").write_text(json.dumps(stored))
     with pytest.raises(SystemExit):
-        tune.main(["--out", str(tmp_path), "--trials", "2"])
-    assert "another td3 (agent.batch differ)" in capsys.readouterr().err and len(tuned) == 4
+        tuning.main(["--out", str(tmp_path), "--trials", "2"])
+    assert "td3 of another configuration (agent.batch differ)" in capsys.readouterr().err and len(tuned) == 4

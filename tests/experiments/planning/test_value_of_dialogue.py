@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from experiments import study as scene_study
+from experiments import study
 from experiments.planning import value_of_dialogue as program
 
 FILES = ("value_of_dialogue.json", "value_of_dialogue.md", "value_of_dialogue.png")
@@ -35,7 +35,7 @@ def played(monkeypatch):
 
 
 def at_commit(monkeypatch, commit):
-    monkeypatch.setattr(scene_study, "provenance", lambda: {"versions": {}, "git_commit": commit, "device": "none"})
+    monkeypatch.setattr(study, "provenance", lambda: {"versions": {}, "git_commit": commit, "device": "none"})
 
 
 def test_a_scene_is_played_by_all_robots_and_written_three_times(tmp_path, monkeypatch, capsys):
@@ -46,7 +46,7 @@ def test_a_scene_is_played_by_all_robots_and_written_three_times(tmp_path, monke
     result = json.loads((tmp_path / "new" / FILES[0]).read_text())
     assert (result["episodes"], result["seed"]) == (16, 3)
     assert {"command", "versions", "git_commit", "device"} <= result.keys()
-    robots = result["scenes"]["narrow"]["robots"]
+    robots = result["rows"]["narrow"]["robots"]
     assert tuple(robots) == program.ROBOTS
     for row in robots.values():
         assert row["success"] + row["collision"] + row["timeout"] == pytest.approx(1.0)
@@ -87,7 +87,7 @@ def test_what_was_played_is_not_played_again(tmp_path, played):
     program.main([*out, "--scenes", "square", "narrow", "corner"])
     program.main([*out, "--scenes", "narrow", "--episodes", "2000"])  # rounded up they are the same
     assert played == ["narrow", "square", "corner"]
-    assert list(json.loads((tmp_path / FILES[0]).read_text())["scenes"]) == ["square", "narrow", "corner"]
+    assert list(json.loads((tmp_path / FILES[0]).read_text())["rows"]) == ["square", "narrow", "corner"]
 
 
 def test_an_interrupted_study_keeps_the_scenes_that_are_done(tmp_path, played, monkeypatch):
@@ -101,25 +101,31 @@ def test_an_interrupted_study_keeps_the_scenes_that_are_done(tmp_path, played, m
     monkeypatch.setattr(program, "play_scene", until_corner)
     options = program.Options(scenes=("narrow", "corner"), out=tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        program.study(options)
+        program.run(options)
     monkeypatch.setattr(program, "play_scene", whole)
-    program.study(options)
+    program.run(options)
     assert played == ["narrow", "corner"]
 
 
-@pytest.mark.parametrize("changed", ["seed", "episodes", "commit"])
-def test_another_seed_number_or_commit_is_another_study(tmp_path, played, monkeypatch, changed):
+def test_scenes_of_another_commit_are_kept_and_named(tmp_path, played, monkeypatch):
+    program.main(["--out", str(tmp_path), "--scenes", "narrow"])
+    at_commit(monkeypatch, "def")
     program.main(["--out", str(tmp_path), "--scenes", "narrow", "square"])
-    options = {"seed": ["--seed", "1"], "episodes": ["--episodes", "3000"], "commit": []}[changed]
-    if changed == "commit":
-        at_commit(monkeypatch, "def")
-    program.main(["--out", str(tmp_path), "--scenes", "narrow", *options])
-    assert played == ["narrow", "square", "narrow"]
-    result = json.loads((tmp_path / FILES[0]).read_text())
-    assert list(result["scenes"]) == ["narrow"]  # nothing is left of the other one
-    assert (result["git_commit"], result["seed"], result["episodes"]) == {
-        "seed": ("abc", 1, 10_000), "episodes": ("abc", 0, 3000), "commit": ("def", 0, 10_000),
-    }[changed]  # fmt: skip
+    assert played == ["narrow", "square"]
+    rows = json.loads((tmp_path / FILES[0]).read_text())["rows"]
+    assert {name: row["git_commit"] for name, row in rows.items()} == {"square": "def", "narrow": "abc"}
+    assert "commit: abc, def." in (tmp_path / FILES[1]).read_text()
+
+
+@pytest.mark.parametrize(("option", "value"), [("seed", "1"), ("episodes", "3000")])
+def test_another_seed_or_number_is_another_study(tmp_path, played, capsys, option, value):
+    program.main(["--out", str(tmp_path), "--scenes", "narrow"])
+    before = (tmp_path / FILES[0]).read_text()
+    with pytest.raises(SystemExit) as stop:
+        program.main(["--out", str(tmp_path), "--scenes", "square", f"--{option}", value])
+    assert stop.value.code == 2 and played == ["narrow"]
+    assert f"is of another configuration ({option} differ): give another --out" in capsys.readouterr().err
+    assert (tmp_path / FILES[0]).read_text() == before
 
 
 def test_without_names_all_scenes_are_played(tmp_path, played):

@@ -1,27 +1,23 @@
 """The same tuning budget for every algorithm: a random search over its floats, all trials trained at once.
 
-python -m experiments.tables.tune --help
+python -m experiments.tables.tuning --help
 """
 
 import dataclasses
-import json
 import pathlib
 import time
 
 import numpy as np
-from rich.console import Console
 
-from experiments import study as scene_study
-from experiments.tables import methods as cells
-from jaxnav.errors import UserError
+from experiments import study
+from experiments.tables import methods
 from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve
-from jaxnav.training.dataclass_json import differences, to_json
+from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import Evaluator
 from jaxnav.training.population import Population, member
-from jaxnav.training.provenance import provenance
 from jaxnav.training.run import VALIDATION_SEED
 
-PROGRAM = "tuning"
+PROGRAM = "tables.tuning"
 SCENES = ("narrow", "doorway", "corner")  # of the hard suite, since the parity suite saturates; one pedestrian each
 STEPS = 128_000  # environment steps of a trial, the paper's
 
@@ -52,10 +48,10 @@ class Options:
 
     trials: int = 8
     seed: int = 0
-    out: pathlib.Path = scene_study.RESULTS
+    out: pathlib.Path = study.RESULTS
 
     def __post_init__(self):
-        scene_study.check_numbers(self, (("trials", 1, 100), ("seed", 0, 2**32 - 1)))
+        study.check_numbers(self, ("trials", 1, 100), ("seed", 0, 2**32 - 1))
 
 
 def drawn(space, trials, rng):
@@ -72,21 +68,26 @@ def drawn(space, trials, rng):
     return values
 
 
-def tune(algo, options, console):
-    """What is written of an algorithm."""
+def configuration(algo):
+    """The `RunConfig` of an algorithm with its defaults."""
     base = preset("quick", algo)
     train = dataclasses.replace(base.train, total_steps=STEPS // base.train.episodes)
-    config = resolve(dataclasses.replace(base, world=base.world.of_scenes(SCENES), train=train))
+    return resolve(dataclasses.replace(base, world=base.world.of_scenes(SCENES), train=train))
+
+
+def tune(algo, options, console):
+    """What is written of an algorithm."""
+    config = configuration(algo)
     rng, start = np.random.default_rng(options.seed), time.monotonic()
     values = {
-        name: np.float32([getattr(base.hyper, name), *found]).round(6)
+        name: np.float32([getattr(config.hyper, name), *found]).round(6)
         for name, found in drawn(SPACES[algo], options.trials, rng).items()
     }
     hyper, agent = config.hyper.replace(**values), make_agent(config)
     population = Population(config, agent, options.trials)
     loop = population.start([options.seed] * options.trials, hyper)
 
-    show = cells.reporter(console, algo, config.train.episodes)
+    show = methods.reporter(console, algo, config.train.episodes)
     _, trained = population.train(loop, hyper, config.train.total_steps, show)
     evaluator, trials = Evaluator(population.world, agent, config.world.params), []
     for i in range(options.trials):
@@ -99,8 +100,8 @@ def tune(algo, options, console):
     best = max(trials, key=lambda trial: trial["score"])
     console.print(f"{algo}: default {trials[0]['score']:.3f}, best {best['score']:.3f} with {best['hyper']}")
     return {
-        "best": best["hyper"], "score": best["score"], "trials": trials, "agent": to_json(config.agent),
-        "train": to_json(config.train), "seconds": round(time.monotonic() - start, 1), **provenance(),
+        "best": best["hyper"], "score": best["score"], "trials": trials,
+        "seconds": round(time.monotonic() - start, 1),
     }  # fmt: skip
 
 
@@ -126,39 +127,20 @@ def table(result):
     return "\n".join(lines) + "\n"
 
 
-def study(options):
+def run(options: Options) -> dict:
     """Tune what has not been tuned yet, and write both files."""
-    scene_study.make_folder(options.out)
-    path, console = options.out / f"{PROGRAM}.json", Console(stderr=True, soft_wrap=True)
     identity = {"trials": options.trials, "seed": options.seed, "scenes": list(SCENES), "steps": STEPS}
-    result = {"command": "python -m experiments.tables.tune", **identity, "algorithms": {}}
-    result["algorithms"] = scene_study.stored(path, identity, "algorithms", {})
-    for algo, found in result["algorithms"].items():
-        base = preset("quick", algo)
-        now = {
-            "agent": to_json(base.agent), "episodes": base.train.episodes,
-            "defaults": {name: round(getattr(base.hyper, name), 5) for name in SPACES[algo]},
-        }  # fmt: skip
-        then = {
-            "agent": found["agent"], "episodes": found["train"]["episodes"],
-            "defaults": {name: round(value, 5) for name, value in found["trials"][0]["hyper"].items()},
-        }  # fmt: skip
-        changed = differences(then, json.loads(json.dumps(now)))
-        if changed:
-            raise UserError(
-                f"{path} tuned another {algo} ({', '.join(changed)} differ): take {algo} out of it to tune it again"
-            )
-    for algo in ALGORITHMS:
-        if algo not in result["algorithms"]:
-            result["algorithms"][algo] = tune(algo, options, console)
-            scene_study.write(path, result)
-    path.with_suffix(".md").write_text(table(result))
-    return result
+    begun = study.Study(
+        PROGRAM, options.out, identity, ALGORITHMS, lambda algo: to_json(configuration(algo)), field="algorithms"
+    )
+    for algo in begun.missing():
+        begun.add(algo, tune(algo, options, study.console()))
+    return begun.finish(table)
 
 
 def main(arguments=None):
     """Entry point."""
-    scene_study.main(Options, study, table, "tune", arguments)
+    study.main(Options, run, table, PROGRAM, arguments)
 
 
 if __name__ == "__main__":
