@@ -11,19 +11,18 @@ import numpy as np
 
 from .agents.networks import message_codes
 from .errors import UserError
+from .language import dialogue_rules
+from .language.dialogue_rules import RULES
 from .language.sides import clean
 from .language.speaker import REPEAT, Context
 from .training.evaluation import episode_keys
 from .training.rollout import Episode
 from .world import dialogue, sensing
-from .world.geometry import cross2d
 from .world.types import AGREES, NONE, REPLIES, STOP
 
 _NEVER = 1_000_000  # steps after which a pedestrian would answer by itself
-_CAREFUL_STEPS = 5  # for which the robot goes slowly after it has asked to repeat
-_CAREFUL = -0.5  # the most of the twist's first number while it does: a quarter of top speed
+_CAREFUL = 2.0 * RULES["careful_speed"] - 1.0  # the most of the twist's first number, which goes from -1 to 1
 _STAND = np.array([-1.0, 0.0], np.float32)
-_ASIDE = 0.15  # m between the bodies when the pedestrian walks by one that stands
 
 
 class Conversation:
@@ -62,7 +61,7 @@ class Conversation:
         if self._outcomes:
             last = self._outcomes[-1]
             for event, word in (("arrived", "arrived"), ("collided", "collision"), ("truncated", "time out")):
-                if last[event]:
+                if getattr(last, event):
                     return word
         return ""
 
@@ -80,7 +79,7 @@ class Conversation:
         if self._careful:
             self._careful -= 1
             action = action.replace(twist=action.twist.at[0].min(_CAREFUL))
-        if _may_stand(self.state, self.params):
+        if self._stands():
             action = action.replace(twist=_STAND)
         self._key, key = jax.random.split(self._key)
         self.state, outcome = _step(self._world, key, self.state, action, self.params)
@@ -115,12 +114,12 @@ class Conversation:
         self._say("understood", describe(found))
         encounters, traits = self.state.encounters, self.state.traits
         waits = np.asarray(encounters.is_open & (encounters.request != NONE) & (encounters.reply == NONE))
-        # An answer comes from whom it is awaited of, everything else from the nearest.
-        i = self._nearest(waits) if waits.any() and found.reply != NONE else self._nearest(True)
-        asked = int(encounters.request[i])
-        if waits[i] and found.reply != NONE and found.reply_confidence > 0.5:
-            self._begin(Context(asked, "robot", found.reply))
-            if found.reply == AGREES:
+        reply = found.reply if dialogue_rules.is_reply(found.reply_confidence, RULES) else NONE
+        reaction = dialogue_rules.reaction(found.message, reply, found.unsure, waits.any())
+        if reaction == "reply":
+            i = int(np.argmin(np.where(waits, self._distances(), np.inf)))
+            self._begin(Context(int(encounters.request[i]), "robot", reply))
+            if reply == AGREES:
                 agreed = encounters.replace(reply=encounters.reply.at[i].set(AGREES))
                 # From now on, for as long as it obeys.
                 delay = traits.reply_delay.at[i].set(encounters.request_age[i])
@@ -131,11 +130,11 @@ class Conversation:
             else:
                 # It goes first, as if it had said so: the robot yields.
                 self._speak(i, STOP, message_of(STOP))
-        elif found.unsure:
-            self._careful = _CAREFUL_STEPS
+        elif reaction == "repeat":
+            self._careful = RULES["careful_periods"]
             self._begin(REPEAT)
-        elif found.message != NONE:
-            self._speak(i, found.message, found.heard)
+        elif reaction == "obey":
+            self._speak(self._speaking_person(), found.message, found.heard)
             self._begin(Context(found.message, "pedestrian"))
 
     def _speak(self, i, message, heard):
@@ -145,10 +144,31 @@ class Conversation:
         self.state = self.state.replace(encounters=encounters)
         self._heard[i] = heard
 
-    def _nearest(self, among):
-        people, robot = self.state.pedestrians, self.state.robot
-        away = jnp.hypot(people.x - robot.x, people.y - robot.y)
-        return int(jnp.argmin(jnp.where(people.present & among, away, jnp.inf)))
+    def _distances(self):
+        """`[P]` m to everybody, infinite to those who are not there."""
+        people, robot = jax.device_get((self.state.pedestrians, self.state.robot))
+        return np.where(people.present, np.hypot(people.x - robot.x, people.y - robot.y), np.inf)
+
+    def _speaking_person(self):
+        """The index of the person who is taken for the speaker."""
+        encounters = jax.device_get(self.state.encounters)
+        free = np.asarray(dialogue.may_request(encounters))
+        return dialogue_rules.speaker(list(zip(self._distances(), encounters.is_open, free, strict=True)))
+
+    def _stands(self):
+        """Whether the robot stands because it promised to. A refusal is the message stop here, see `_take_in`."""
+        e, people, robot = jax.device_get((self.state.encounters, self.state.pedestrians, self.state.robot))
+        clearance = float(self.params.robot_radius + self.params.body_radius) + RULES["stand_gap"]
+        promises = [
+            (
+                e.message_age[i],
+                dialogue_rules.walks_into(
+                    (people.x[i], people.y[i], people.vx[i], people.vy[i]), (robot.x, robot.y), clearance, RULES
+                ),
+            )
+            for i in np.flatnonzero(e.is_open & (e.message == STOP))
+        ]
+        return dialogue_rules.stands(promises, RULES)
 
     def _begin(self, context):
         self._speaking.append(self._speaker.begin(context))
@@ -178,9 +198,10 @@ def message_of(message):
 
 def describe(found):
     """What was understood, for people: "stop (0.98)"."""
+    replied = dialogue_rules.is_reply(found.reply_confidence, RULES)
     if found.unsure:
         return f"{found.name}? (only {found.confidence:.2f}: asks again)"
-    reply = f", a reply: {REPLIES[found.reply]}" if found.reply != NONE and found.reply_confidence > 0.5 else ""
+    reply = f", a reply: {REPLIES[found.reply]}" if found.reply != NONE and replied else ""
     return f"{found.name} ({found.confidence:.2f}){reply}"
 
 
@@ -253,20 +274,6 @@ def _answer(world, agent, actor, state, heard, params):
     order = sensing.nearest_first(snapshot.pedestrians, snapshot, world.config)
     spoke = message_codes(observation.dialogue).any(axis=-1, keepdims=True)
     return agent.answer(actor, observation, jnp.where(spoke, heard[order], 0.0))
-
-
-@jax.jit
-def _may_stand(state, params):
-    """Whether somebody has asked the robot to stop, and nobody who has walks into it if it does.
-
-    It has promised to stop, and the policy might rather drive around: in training standing earned it little. On the
-    line of who walks straight on it goes on steering until it is aside, and stops there.
-    """
-    e, robot = state.encounters, state.robot
-    asked = e.is_open & (e.message == STOP)
-    aside = jnp.abs(cross2d(e.ux, e.uy, robot.x - e.x, robot.y - e.y))
-    clear = aside > params.robot_radius + params.body_radius + _ASIDE
-    return jnp.any(asked) & jnp.all(clear | ~asked)
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -92,16 +92,17 @@ def test_it_goes_where_it_was_asked_and_says_so(talk, word, sign):
 
 
 def test_asked_to_stop_it_stands_until_the_pedestrian_has_passed(talk):
-    """In the square, where paths cross: aside of the pedestrian's line it stands, and goes on after the encounter."""
+    """In the square, where paths cross: aside of the pedestrian's way it stands, and goes on after the encounter."""
     stood = 0
     for seed in range(6):
         conversation = talk(scene=1, seed=seed)
         steps(conversation, 1)
         conversation.hear("stop")
         states = steps(conversation, 60)
-        e, robot = states.encounters, states.robot
-        aside = np.abs(e.ux[:, 0] * (robot.y - e.y[:, 0]) - e.uy[:, 0] * (robot.x - e.x[:, 0]))
-        should = e.is_open[:-1, 0] & (e.message[:-1, 0] == STOP) & (aside[:-1] > 0.42 + 1e-4)
+        e, robot, walker = states.encounters, states.robot, states.pedestrians
+        vx, vy = walker.vx[:, 0], walker.vy[:, 0]
+        aside = np.abs(vx * (robot.y - walker.y[:, 0]) - vy * (robot.x - walker.x[:, 0])) > 0.4201 * np.hypot(vx, vy)
+        should = (e.is_open[:, 0] & (e.message[:, 0] == STOP) & (e.message_age[:, 0] < 20) & aside)[:-1]
         standing = np.asarray(robot.v)[1:] == 0.0
         # The first step takes in what was said just before it.
         assert standing[2:][should[2:]].all()

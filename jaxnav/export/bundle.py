@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError, remedy
-from ..language import phrases, sides, table
+from ..language import dialogue_rules, phrases, sides, table
 from .contract import contract_of, hears_phrases, network_inputs
 from .readme import readme_of
 from .reference import Reference
@@ -69,8 +69,13 @@ def check_folder(folder, replace=False):
             raise UserError(f"--out {folder} already holds a bundle: give another --out")
 
 
+def travelling() -> list[pathlib.Path]:
+    """The Python files that every bundle has."""
+    return [*sorted(ROBOT.glob("*.py")), *(pathlib.Path(str(module.__file__)) for module in (dialogue_rules, sides))]
+
+
 def _fill(folder, run, actor, contract):
-    for path in (*sorted(ROBOT.glob("*.py")), pathlib.Path(sides.__file__)):
+    for path in travelling():
         shutil.copyfile(path, folder / path.name)
     weights = torch_weights(actor, contract["network"]["requests"])
     if "maps" in network_inputs(run):

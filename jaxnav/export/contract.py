@@ -9,6 +9,7 @@ from ..agents.encoders import ENCODERS, PARTS, SECTORS
 from ..agents.hsac import HSAC
 from ..agents.networks import LangPreNet
 from ..agents.ppo import PPO
+from ..language import dialogue_rules
 from ..language.speaker import Context, sentences
 from ..language.table import DIMENSIONS, default_table
 from ..training.dataclass_json import to_json
@@ -80,6 +81,7 @@ def contract_of(run, origin):
         },
         # How far ahead the safety layer looks: one period and the way of braking; and which gap it keeps.
         "safety": {"deceleration": 1.5, "gap": 0.015, "gap_at_full_speed": 0.03, "timeout": 0.5},
+        "dialogue": dict(dialogue_rules.RULES),
         "requests": [{"request": request, "name": REQUESTS[request]} for request in range(requests_of(agent))],
         "hearing": config.hearing,
         "messages": list(MESSAGES),
@@ -164,7 +166,7 @@ def _outputs(params, requests, nearest):
     return [
         output("v", [], "m/s", 0.0, float(params.max_v), "Speed forward.", "robot"),
         output("w", [], "rad/s", -turn, turn, "Turning rate, positive to the left.", "robot"),
-        output("request", [], "1", 0, requests - 1, "What to ask of the nearest person who may be asked: see requests."),
+        output("request", [], "1", 0, requests - 1, "Asked of the nearest person who may be asked: see requests."),
         output("log_p", [requests], "1", -2e9, 0.0, "Log-probabilities of the requests.", order="requests"),
         output("heard", [nearest, 3], "1", 0.0, 1.0, "Probabilities that a person asks the robot to stop, to go to the "
                "robot's right, to go to its left."),
@@ -195,7 +197,7 @@ def _network(run):
 
 
 def _sentences():
-    """What the robot may say. request, acknowledge: by request or message; reply: by reply; repeat: where it is unsure."""
+    """The robot's sentences. request, acknowledge: by request or message; reply: by reply; repeat: unsure."""
     sides = (STOP, RIGHT, LEFT)
     return {
         "request": {REQUESTS[request]: sentences(Context(request)) for request in sides},

@@ -4,13 +4,13 @@ import contextlib
 import importlib
 import sys
 
-from .bundle import ROBOT
+from .bundle import travelling
 
 
 @contextlib.contextmanager
 def modules(bundle, *names):
     """The modules of these names, which are those of this bundle alone; afterwards nobody else finds them."""
-    own = [path.stem for path in ROBOT.glob("*.py")] + ["sides"]
+    own = [path.stem for path in travelling()]
     before = {name: sys.modules.pop(name, None) for name in own}
     sys.path.insert(0, str(bundle))
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True

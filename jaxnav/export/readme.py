@@ -17,11 +17,12 @@ def _facts(contract):
     names = '", "'.join(contract["messages"][1:] + contract["replies"][1:])
     hears = contract["language"] is not None
     encoder = contract["network"]["encoder"]
+    hearing = "deaf" if not contract["hearing"] else "sentences" if hears else "messages by name"
     heard = ", as a vector: see 4" if hears else f', by name: "{names}"'
     if not contract["hearing"]:
         hears, heard = False, ": always None, this policy was trained deaf"
     return {
-        "summary": f"{encoder}, {'hears sentences' if hears else 'hears messages by name' if contract['hearing'] else 'deaf'}, "
+        "summary": f"{encoder}, {'hears ' * contract['hearing']}{hearing}, "
         f"{'asks people' if asks else 'says nothing'}",
         "talks": f", and may ask them to give way ({', '.join(asks)})" if asks else "",
         "scenes": ", ".join(contract["origin"]["config"]["world"]["scenes"]),

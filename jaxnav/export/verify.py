@@ -7,18 +7,16 @@ import subprocess
 import sys
 
 from ..errors import UserError
-from .bundle import ROBOT
+from .bundle import travelling
 from .contract import SCHEMA
 from .seal import checksum, hash_of
 
 _ENTRIES = (
-    "inputs", "outputs", "network", "laser", "control", "robot", "people", "encounter", "safety", "requests", "hearing",
-    "messages", "replies", "sentences", "language", "origin", "files",
+    "inputs", "outputs", "network", "laser", "control", "robot", "people", "encounter", "safety", "dialogue",
+    "requests", "hearing", "messages", "replies", "sentences", "language", "origin", "files",
 )  # fmt: skip
 _FIELDS = ("name", "shape", "dtype", "unit", "frame", "order", "range", "meaning")
-_FILES = {"README.md", "requirements-jetson.txt", "weights.npz", "golden.npz", "sides.py"} | {
-    path.name for path in ROBOT.glob("*.py")
-}
+_FILES = {"README.md", "requirements-jetson.txt", "weights.npz", "golden.npz"} | {path.name for path in travelling()}
 
 
 def verify(folder):

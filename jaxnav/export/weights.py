@@ -15,8 +15,8 @@ _WORDS = {"Dense_0": "hidden", "Dense_1": "message", "Dense_2": "reply"}
 def torch_weights(actor, requests):
     """{name: float32 array} of the flax parameters ``actor`` of an `Actor`.
 
-    requests: of a policy that may ask for nothing, 1, the head of requests is left out, as the standard deviations of the
-    twist always are: both only serve training.
+    requests: how many it chooses from; the head of requests is left out where that is 1, the standard deviations of the
+    twist are left out always: both only serve training.
     """
     params = actor["params"]
     encoder = params["state_encoder"]
@@ -60,7 +60,7 @@ def _mlp(params, name):
 
 def _image(encoder):
     """Convolutions as [out, in, 3, 3]; the layer behind them reads channels first instead of last."""
-    weights, i = {}, 0
+    weights, i, channels = {}, 0, 0
     while f"Conv_{i}" in encoder:
         convolution = encoder[f"Conv_{i}"]
         kernel = np.asarray(convolution["kernel"]).transpose(3, 2, 0, 1)

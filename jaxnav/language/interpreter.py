@@ -1,24 +1,31 @@
-"""What a person means: text -> message and reply, by the policy's own ears or by a language model."""
+"""Interpreters: text -> message and reply, by the policy itself or by a language model."""
 
 import json
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..world.types import MESSAGES, NONE, REPLIES
-from .llm import Answered, log
+from .dialogue_rules import RULES, is_unsure
+from .llm import Answered, Asked, LanguageModel, log
 from .sides import LONGEST, clean, has_words
 
 _LONGEST = 300  # characters of an answer
-# The gap between the two likeliest messages below which nothing counts as understood.
-MARGIN = 0.4
 _NAMES = tuple(message.removeprefix("robot ") for message in MESSAGES)
 
 
 class Understood(NamedTuple):
-    """What was understood. text: as it was read; message, reply: indices into `MESSAGES` and `REPLIES`; confidence: the
-    probability of the message; margin: how far ahead of the next one it is; reply_confidence; heard: `[3]` S_c, the
-    probabilities of stop, right and left that the policy hears."""
+    """An understood sentence.
+
+    text:             as it was read.
+    message:          index into `MESSAGES`.
+    confidence:       probability of the message.
+    margin:           between its probability and that of the next one.
+    reply:            index into `REPLIES`.
+    reply_confidence: probability of the reply.
+    heard:            `[3]` S_c, the probabilities of stop, right and left that the policy hears.
+    """
 
     text: str
     message: int
@@ -29,17 +36,17 @@ class Understood(NamedTuple):
     heard: np.ndarray
 
     @property
-    def unsure(self):
+    def unsure(self) -> bool:
         """Whether the robot should ask again."""
-        return self.margin < MARGIN
+        return is_unsure(self.margin, RULES)
 
     @property
-    def name(self):
+    def name(self) -> str:
         """silence, stop, right or left."""
         return _NAMES[self.message]
 
 
-def nothing(text=""):
+def nothing(text: str = "") -> Understood:
     """Silence, for certain."""
     return Understood(text, NONE, 1.0, 1.0, NONE, 1.0, np.zeros(len(MESSAGES) - 1, np.float32))
 
@@ -50,15 +57,15 @@ class PolicyInterpreter:
     embed: sentence -> vector; understand: vectors `[n, D]` -> log-probabilities of message `[n, 4]` and reply `[n, 3]`.
     """
 
-    def __init__(self, embed, understand):
+    def __init__(self, embed: Callable[[str], np.ndarray], understand: Callable[[np.ndarray], Any]) -> None:
         self._embed, self._understand = embed, understand
 
-    def begin(self, text):
-        """`Answered` with what it means."""
+    def begin(self, text: str) -> Answered[Understood]:
+        """`Answered` with the meaning."""
         return Answered(self.read(text))
 
-    def read(self, text):
-        """`Understood`; what is no English sentence at all is silence."""
+    def read(self, text: str) -> Understood:
+        """The meaning; a text that is no English sentence at all is silence."""
         sentence = clean(text)
         if not has_words(sentence):
             log.warning("interpreter: %r is no sentence; heard as silence", sentence[:60])
@@ -83,30 +90,31 @@ _SYSTEM = (
 
 
 class LanguageModelInterpreter:
-    """A language model reads what people say; whatever it gets wrong, or late, the policy's own ears decide."""
+    """A language model reads what people say; where its answer is wrong or late, ``fallback`` decides."""
 
-    def __init__(self, model, ears):
-        self._model, self._ears, self._read = model, ears, {}
+    def __init__(self, model: LanguageModel, fallback: PolicyInterpreter) -> None:
+        self._model, self._fallback = model, fallback
+        self._read: dict[str, Understood] = {}
 
-    def begin(self, text):
-        """`Asked` about what it means; what was read before is known."""
+    def begin(self, text: str) -> Asked[Understood] | Answered[Understood]:
+        """`Asked` about the meaning, or `Answered` where the text was read before."""
         sentence = clean(text)
         if sentence in self._read:
             return Answered(self._read[sentence])
         if not has_words(sentence):
-            return self._ears.begin(text)
-        own = self._ears.read(text)  # at once, so that falling back takes no time
+            return self._fallback.begin(text)
+        own = self._fallback.read(text)  # now, so that falling back takes no time
         return self._model.ask(
             _SYSTEM, json.dumps({"person": sentence}), lambda answer: _parsed(answer, sentence),
             lambda: own, "interpreter", lambda found: self._read.setdefault(sentence, found),
         )  # fmt: skip
 
-    def read(self, text):
-        """`Understood`, after at most the model's time limit."""
+    def read(self, text: str) -> Understood:
+        """The meaning, after at most the model's time limit."""
         return self.begin(text).wait()
 
 
-def _parsed(answer, sentence):
+def _parsed(answer: Any, sentence: str) -> Understood:
     """`Understood` from the model's JSON. ValueError: it is anything else."""
     if not isinstance(answer, str) or len(answer) > _LONGEST:
         raise ValueError(f"the answer is no text of at most {_LONGEST} characters")

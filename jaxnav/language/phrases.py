@@ -1,4 +1,4 @@
-"""What people say: the phrases of phrases.csv, checked.
+"""The phrases that people say: phrases.csv, checked.
 
 A phrase belongs to a sentence pattern, and a whole pattern to one split: no test phrase shares its pattern with
 training.
@@ -22,8 +22,15 @@ _COLUMNS = ("text", "message", "kind", "reply", "pattern", "split")
 
 
 class Phrase(NamedTuple):
-    """text; message, reply: indices into `MESSAGES` and `REPLIES`; kind of `KINDS`; pattern: the sentence with its
-    slots, [side] and {one|other}; split of `SPLITS`."""
+    """A phrase.
+
+    text:    the sentence.
+    message: index into `MESSAGES`.
+    kind:    one of `KINDS`.
+    reply:   index into `REPLIES`.
+    pattern: the sentence with its slots, [side] and {one|other}.
+    split:   one of `SPLITS`.
+    """
 
     text: str
     message: int
@@ -33,11 +40,11 @@ class Phrase(NamedTuple):
     split: str
 
 
-def read_phrases(path=PHRASES):
+def read_phrases(path: str | pathlib.Path = PHRASES) -> list[Phrase]:
     """The `Phrase` s of a file. UserError names file, line, value and remedy.
 
-    Wrong are an unknown message, kind, reply or split, a phrase that is empty, too long or there twice, a pattern in
-    two splits, and a split in which a message has no phrase.
+    Errors are an unknown message, kind, reply or split, a phrase that is empty, too long or repeated, a pattern in two
+    splits, and a split in which a message has no phrase.
     """
     try:
         with open(path, newline="", encoding="utf-8") as file:
@@ -73,8 +80,8 @@ def read_phrases(path=PHRASES):
     return phrases
 
 
-def _phrase(where, row):
-    def index(column, choices):
+def _phrase(where: str, row: dict[str, str]) -> Phrase:
+    def index(column: str, choices: tuple[str, ...]) -> int:
         value = (row[column] or "").strip()
         if value not in choices:
             raise UserError(f"{where}: {column} is {value!r}: choose from {', '.join(choices)}")
@@ -100,7 +107,7 @@ def _phrase(where, row):
     )
 
 
-def hash_of(phrases):
-    """SHA-256 of what a table of embeddings depends on."""
+def hash_of(phrases: list[Phrase]) -> str:
+    """SHA-256 of the phrases: a table of embeddings depends on it."""
     content = "\n".join("\t".join(map(str, phrase)) for phrase in phrases)
     return hashlib.sha256(content.encode()).hexdigest()

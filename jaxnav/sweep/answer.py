@@ -1,10 +1,13 @@
-"""The answer of a sweep in a sentence or two: nothing is said to beat base whose interval holds 0."""
+"""The answer of a sweep in a sentence or two: a candidate only beats base if the interval excludes 0."""
+
+from typing import Any
 
 from .numbers import name_of, number, with_interval
+from .results import sign_of
 
 
-def answer(summary) -> str:
-    """What a reader wants to know first, in plain words. summary: of `report.summarise`."""
+def answer(summary: dict[str, Any]) -> str:
+    """The answer in plain words. summary: of `report.summarise`."""
     winner, name = summary["winner"], summary["objective"]
     if summary["missing"]:
         return f"No winner yet: {'; '.join(summary['missing'])}."
@@ -24,7 +27,7 @@ def answer(summary) -> str:
         else f"{_name(winner['trial'])} wins: its {name} is {found}. {_against_base(rows, winner)}"
         + " It passes the guard." * bool(summary["guard"])
     ]
-    sign = 1 if summary["direction"] == "maximize" else -1
+    sign = sign_of(summary["direction"])
     for row in rows.values():
         mean = row["objective"]["mean"]
         if mean is not None and sign * mean > sign * winner["objective"]:
@@ -32,15 +35,15 @@ def answer(summary) -> str:
     return " ".join(sentences)
 
 
-def _name(trial):
+def _name(trial: int | None) -> str:
     return name_of(trial).capitalize()
 
 
-def _seeds(count):
+def _seeds(count: int) -> str:
     return "one fresh seed" if count == 1 else f"{count} fresh seeds"
 
 
-def _against_base(rows, winner):
+def _against_base(rows: dict[int | None, Any], winner: dict[str, Any]) -> str:
     difference, base = rows[winner["trial"]]["difference"], rows[None]["objective"]["mean"]
     if base is None or difference["mean"] is None:
         return "Whether it is better than base is open: no seed of base came to its end."
@@ -55,8 +58,8 @@ def _against_base(rows, winner):
     return f"Base has {number(base)}; the difference over the same seeds, {delta}, is open, since {why}."
 
 
-def unfit(row):
-    """Why a candidate can't win; nothing if it can."""
+def unfit(row: dict[str, Any]) -> str:
+    """The reason why a candidate can't win, "" if it can."""
     if row["trial"] is None:
         return ""
     if row["broken"]:

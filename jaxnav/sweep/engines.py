@@ -1,46 +1,69 @@
-"""Where the populations of a sweep train: in this process, or in Ray's, one population after another in each."""
+"""Engines: where the populations of a sweep train, in this process or in those of a Ray cluster.
+
+Each process trains one population after another. A task is (`PopulationJob`, number of the round, its fills).
+"""
 
 import contextlib
 import logging
 import socket
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Protocol
 
 import jax
 
 from ..errors import UserError
-from .worker import Round, Worker
+from .worker import PopulationJob, Round, SlotFill, Worker
+
+Task = tuple[PopulationJob, int, list[SlotFill]]
+
+
+class Engine(Protocol):
+    """Trains populations."""
+
+    def advance(self, tasks: Sequence[Task], done: Callable[[], None] = lambda: None) -> list[Round]:
+        """Train a round of each task. done: called after each."""
+        ...
+
+    def forget(self, names: Iterable[str]) -> None:
+        """Free the memory of populations that are done."""
+        ...
+
+    def close(self) -> None:
+        """Leave nothing open."""
+        ...
 
 
 class Local:
     """This process and its device."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._worker = Worker()
 
-    def advance(self, jobs, done=lambda: None) -> list[Round]:
-        """A round of each job: (unit, round, fills). done: called after each."""
+    def advance(self, tasks: Sequence[Task], done: Callable[[], None] = lambda: None) -> list[Round]:
+        """As `Engine.advance`."""
         rounds = []
-        self._worker.prepare([unit for unit, _, _ in jobs])
-        for job in jobs:
-            rounds.append(self._worker.advance(*job))
+        self._worker.prepare([job for job, _, _ in tasks])
+        for task in tasks:
+            rounds.append(self._worker.advance(*task))
             done()
         return rounds
 
-    def forget(self, names):
-        """Free what populations take that are done."""
+    def forget(self, names: Iterable[str]) -> None:
+        """As `Engine.forget`."""
         for name in names:
             self._worker.forget(name)
 
-    def close(self):
-        """Nothing is left open."""
+    def close(self) -> None:
+        """Nothing is open."""
 
 
 class OnRay:
-    """Workers of a Ray cluster: as many as it has GPUs, or without one CPUs, and no more than populations.
+    """Workers of a Ray cluster: as many as its GPUs, or CPUs where it has no GPU, and at most as many as populations.
 
-    Ray starts a lost worker anew and asks it again; it then takes up the population's last checkpoint.
+    Ray starts a lost worker again and repeats its task; the worker then loads the population's last checkpoint.
     """
 
-    def __init__(self, address, populations):
+    def __init__(self, address: str, populations: int) -> None:
         self._ray = ray = _ray()
         with _quiet():
             try:
@@ -67,12 +90,12 @@ class OnRay:
         self._actors = [actor.remote() for _ in range(self._slots)]
         self._homes: dict[str, int] = {}
 
-    def advance(self, jobs, done=lambda: None) -> list[Round]:
-        """As `Local.advance`; every population stays with one worker."""
+    def advance(self, tasks: Sequence[Task], done: Callable[[], None] = lambda: None) -> list[Round]:
+        """As `Engine.advance`; a population stays with one worker."""
         futures = []
-        for job in jobs:
-            home = self._homes.setdefault(job[0].name, len(self._homes) % self._slots)
-            futures.append(self._actors[home].advance.remote(*job))
+        for task in tasks:
+            home = self._homes.setdefault(task[0].name, len(self._homes) % self._slots)
+            futures.append(self._actors[home].advance.remote(*task))
         waiting = list(futures)
         while waiting:
             ready, waiting = self._ray.wait(waiting)
@@ -90,35 +113,35 @@ class OnRay:
                 "or give fewer --members, then go on with --resume"
             ) from error
 
-    def forget(self, names):
-        """As `Local.forget`."""
+    def forget(self, names: Iterable[str]) -> None:
+        """As `Engine.forget`."""
         for name in names:
             home = self._homes.pop(name, None)
             if home is not None:
                 self._actors[home].forget.remote(name)
 
-    def close(self):
-        """Leave the cluster; one that was begun for this sweep ends."""
+    def close(self) -> None:
+        """Leave the cluster; one that was started for this sweep ends."""
         self._ray.shutdown()
 
 
 _RETRIES = 3
 
 
-def _answers(address):
-    """OSError if nobody listens at HOST:PORT, for whom Ray would wait five minutes."""
+def _answers(address: str) -> None:
+    """OSError if nothing listens at HOST:PORT: Ray itself would wait five minutes."""
     host, _, port = address.rpartition(":")
     if port.isdigit() and "/" not in host:
         socket.create_connection((host, int(port)), timeout=10).close()
 
 
-def _environment():
-    """Of the workers: what one of them compiled on a machine, the others there load."""
-    cache = jax.config.jax_compilation_cache_dir
+def _environment() -> dict[str, Any]:
+    """The workers' environment: all workers of a machine share a cache of compiled programs."""
+    cache = jax.config.values["jax_compilation_cache_dir"]
     return {"env_vars": {"JAX_COMPILATION_CACHE_DIR": cache}} if cache else {}
 
 
-def _ray():
+def _ray() -> Any:
     try:
         import ray
     except ImportError as error:
@@ -129,7 +152,7 @@ def _ray():
 
 
 @contextlib.contextmanager
-def _quiet():
-    """Ray tells of every worker on standard output; a sweep has a table there."""
+def _quiet() -> Iterator[None]:
+    """Keep Ray's lines on every worker away from standard output, where the sweep shows its table."""
     with contextlib.redirect_stdout(None):
         yield

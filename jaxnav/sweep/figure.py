@@ -1,9 +1,12 @@
-"""The picture of a sweep: what mattered, where the good trials lie, how they learnt, and what the confirmation says."""
+"""The picture of a sweep: importance, values of the good trials, learning curves, and the confirmation."""
 
 import textwrap
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -15,23 +18,27 @@ from matplotlib.ticker import LogLocator, MaxNLocator, PercentFormatter, StrMeth
 
 from ..render import palette
 from .numbers import name_of, number
+from .progress import is_measured
+from .results import Results, Trial
+
+Summary = dict[str, Any]
 
 _WINNER = palette.PEDESTRIAN
 _FAINT = "#B4B9C0"
 _GRID = "#E3E6EA"
 
 
-def figure_of(results, summary):
-    """A `Figure` of 1600 pixels' width. summary: of `report.summarise`, of the same results."""
+def figure_of(results: Results, summary: Summary) -> Figure:
+    """A `Figure` that is 1600 pixels wide. summary: of `report.summarise`, of the same results."""
     rows = len(summary["confirmed"])
     height = 9.8 + max(0.0, 0.22 * (rows - 12))
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12, wspace=0.03, hspace=0.04)
     figure = Figure(figsize=(12.8, height), dpi=125, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
-    halves = figure.subfigures(2, 1, height_ratios=(5, height - 5))
+    halves: Any = figure.subfigures(2, 1, height_ratios=(5, height - 5))
     importance, parallel = halves[0].subplots(1, 2, width_ratios=(1, 4))
     curves, confirmed = halves[1].subplots(1, 2, width_ratios=(1.5, 1))
-    colours = _colours(summary, [trial.objective for trial in _coloured(results)])
+    colours = _colours(summary, [trial.score for trial in _coloured(results)])
     _draw_importance(importance, summary["importance"])
     _draw_parallel(parallel, results, summary, colours)
     _draw_curves(curves, results, summary, colours)
@@ -42,19 +49,19 @@ def figure_of(results, summary):
     return figure
 
 
-def _known(results):
+def _known(results: Results) -> list[Trial]:
     """Trials of the search with an objective."""
-    return [t for t in results.phases.get("search", ()) if t.objective is not None and np.isfinite(t.objective)]
+    return [trial for trial in results.phases.get("search", ()) if is_measured(trial)]
 
 
-def _coloured(results):
-    """Those that are complete; before there is one, those that train."""
+def _coloured(results: Results) -> list[Trial]:
+    """Complete trials; before there is one, the running ones."""
     states = {trial.state for trial in _known(results)}
     return [t for t in _known(results) if t.state == ("complete" if "complete" in states else "running")]
 
 
-def _colours(summary, objectives):
-    """From objective to colour, the best the darkest."""
+def _colours(summary: Summary, objectives: Sequence[float]) -> ScalarMappable:
+    """The colour of an objective, the best the darkest."""
     low, high = (min(objectives), max(objectives)) if objectives else (0.0, 1.0)
     name = "viridis_r" if summary["direction"] == "maximize" else "viridis"
     # Without the palest tenth, which can't be seen on white.
@@ -62,7 +69,7 @@ def _colours(summary, objectives):
     return ScalarMappable(Normalize(low, high if high > low else low + 1e-3), ListedColormap(pale))
 
 
-def _nothing(axes, text):
+def _nothing(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, textwrap.fill(text, 28), transform=axes.transAxes, ha="center", va="center",
               color=palette.FAINT_INK)  # fmt: skip
     axes.set_xticks([])
@@ -70,13 +77,13 @@ def _nothing(axes, text):
     axes.spines[:].set_visible(False)
 
 
-def _short(names):
-    """Names without what stands before the last dot, where that leaves them apart."""
+def _short(names: Sequence[str]) -> dict[str, str]:
+    """The last part of each dotted name, or the whole name where two end alike."""
     last = [name.rpartition(".")[2] for name in names]
     return {name: short if last.count(short) == 1 else name for name, short in zip(names, last, strict=True)}
 
 
-def _wrapped(name, width):
+def _wrapped(name: str, width: int) -> str:
     """A name in lines, broken after underscores and dots."""
     lines = [""]
     for part in name.replace("_", "_ ").replace(".", ". ").split():
@@ -86,7 +93,7 @@ def _wrapped(name, width):
     return "\n".join(lines)
 
 
-def _draw_importance(axes, found):
+def _draw_importance(axes: Axes, found: dict[str, Any]) -> None:
     axes.set_title("What mattered", loc="left", size=11)
     if found["shares"] is None:
         _nothing(axes, f"Not known: {found['why']}")
@@ -106,21 +113,21 @@ def _draw_importance(axes, found):
 
 
 class _Axis:
-    """One searched value, from bottom to top: where its values lie in 0 to 1, and which of them have a label."""
+    """The axis of a searched float: the height of a value, from 0 to 1, and its labels."""
 
-    def __init__(self, found, values):
+    def __init__(self, found: dict[str, Any], values: Sequence[float]) -> None:
         self.log, low, high = found["log"], found["low"], found["high"]
         values = [value for value in values if value > 0 or not self.log]
         self.low, self.high = min([low, *values]), max([high, *values])
 
-    def __call__(self, value):
+    def __call__(self, value: Any) -> float:
         low, high = self._scaled(self.low), self._scaled(self.high)
         return float(np.clip((self._scaled(max(value, self.low)) - low) / (high - low), 0, 1))
 
-    def _scaled(self, value):
+    def _scaled(self, value: float) -> float:
         return np.log(value) if self.log else value
 
-    def ticks(self):
+    def ticks(self) -> list[tuple[Any, str]]:
         """(value, label) each."""
         if self.log:
             ticks = LogLocator(subs=(1,) if self.high > 300 * self.low else (1, 2, 5)).tick_values(self.low, self.high)
@@ -130,25 +137,25 @@ class _Axis:
 
 
 class _Sizes:
-    """The same of a static size: its choices at equal distances."""
+    """The axis of a static size: its choices at equal distances."""
 
-    def __init__(self, choices, values):
+    def __init__(self, choices: Sequence[Any], values: Sequence[Any]) -> None:
         plain = [_label(value) for value in (*choices, *values)]
         self._places = {text: i for i, text in enumerate(dict.fromkeys(plain))}
         self._choices = list(dict.fromkeys(plain))
 
-    def __call__(self, value):
+    def __call__(self, value: Any) -> float:
         return 0.5 if len(self._places) == 1 else self._places[_label(value)] / (len(self._places) - 1)
 
-    def ticks(self):
+    def ticks(self) -> list[tuple[Any, str]]:
         return [(text, text) for text in self._choices]
 
 
-def _label(value):
+def _label(value: Any) -> str:
     return " ".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
 
 
-def _draw_parallel(axes, results, summary, colours):
+def _draw_parallel(axes: Axes, results: Results, summary: Summary, colours: ScalarMappable) -> None:
     axes.set_title("Trials of the search, a line each, the best the darkest", loc="left", size=11)
     trials, identity = _known(results), results.identity
     ways = [row["values"] for row in (summary["winner"], *summary["confirmed"][:1]) if row]
@@ -158,15 +165,15 @@ def _draw_parallel(axes, results, summary, colours):
         for name, found in identity[part].items()
     }
 
-    def line(values):
+    def line(values: dict[str, Any]) -> list[tuple[float, float]]:
         return [(x, scale(values[name])) for x, (name, scale) in enumerate(scales.items())]
 
     coloured = _coloured(results)
     numbers = {trial.number for trial in coloured}
     others = [line(trial.values) for trial in trials if trial.number not in numbers]
     axes.add_collection(LineCollection(others, colors=_FAINT, linewidths=0.8, alpha=0.4))
-    coloured.sort(key=lambda t: t.objective, reverse=summary["direction"] == "minimize")  # the best above the others
-    shades = colours.to_rgba([trial.objective for trial in coloured])
+    coloured.sort(key=lambda t: t.score, reverse=summary["direction"] == "minimize")  # the best above the others
+    shades = colours.to_rgba(np.array([trial.score for trial in coloured]))
     width, alpha = (1.4, 0.9) if len(coloured) < 60 else (0.9, 0.6)
     lines = [line(trial.values) for trial in coloured]
     axes.add_collection(LineCollection(lines, colors=shades, linewidths=width, alpha=alpha))
@@ -182,7 +189,7 @@ def _draw_parallel(axes, results, summary, colours):
         bar.outline.set_visible(False)
 
 
-def _draw_ways(axes, summary, line):
+def _draw_ways(axes: Axes, summary: Summary, line: Callable[[dict[str, Any]], Any]) -> list[Line2D]:
     """The lines of base and of the winner. Returns their handles."""
     ways = [(row["values"], palette.INK, "--", "base") for row in summary["confirmed"][:1] if row["trial"] is None]
     winner = summary["winner"]
@@ -194,7 +201,7 @@ def _draw_ways(axes, summary, line):
     return handles
 
 
-def _draw_scales(axes, scales):
+def _draw_scales(axes: Axes, scales: dict[str, _Axis | _Sizes]) -> None:
     short, width = _short(list(scales)), max(11, 90 // len(scales))
     for x, (name, scale) in enumerate(scales.items()):
         axes.vlines(x, 0, 1, palette.INK, lw=1, zorder=6)
@@ -209,7 +216,7 @@ def _draw_scales(axes, scales):
     axes.axis("off")
 
 
-def _draw_curves(axes, results, summary, colours):
+def _draw_curves(axes: Axes, results: Results, summary: Summary, colours: ScalarMappable) -> None:
     axes.set_title("How the trials learnt", loc="left", size=11)
     trials, best = _known(results), {row["trial"] for row in summary["best"] if row["state"] != "stopped"}
     if not trials:
@@ -221,7 +228,7 @@ def _draw_curves(axes, results, summary, colours):
         if trial.number == winner:
             style = {"color": _WINNER, "lw": 2.6, "label": f"{name_of(winner)}, the winner"}
         elif trial.number in best:
-            style = {"color": colours.to_rgba(trial.objective), "lw": 1.5, "label": "the ten best"}
+            style = {"color": colours.to_rgba(np.array(trial.score)), "lw": 1.5, "label": "the ten best"}
         else:
             style = {"color": _FAINT, "lw": 0.7, "alpha": 0.6, "label": "the others"}
         points = [(row["env_steps"], row["objective"]) for row in trial.curve if row["objective"] is not None]
@@ -240,7 +247,7 @@ def _draw_curves(axes, results, summary, colours):
     axes.grid(color=_GRID, lw=0.8)
 
 
-def _draw_confirmed(axes, summary):
+def _draw_confirmed(axes: Axes, summary: Summary) -> None:
     axes.set_title("Confirmed with fresh seeds", loc="left", size=11)
     rows = [row for row in summary["confirmed"] if row["objective"]["mean"] is not None]
     if not rows:
@@ -252,7 +259,8 @@ def _draw_confirmed(axes, summary):
         seeds = [value for value in row["objective"]["per_seed"] if value is not None]
         axes.plot(seeds, np.full(len(seeds), y + 0.2), "o", ms=5, color=colour, alpha=0.4, mec="none")
         if row["objective"]["ci95"]:
-            axes.hlines(y, *row["objective"]["ci95"], colour, lw=2.5)
+            low, high = row["objective"]["ci95"]
+            axes.hlines(y, low, high, colour, lw=2.5)
         axes.plot(row["objective"]["mean"], y, "D", ms=7, color=colour, mec="white")
         if row["trial"] is None:
             axes.axvline(row["objective"]["mean"], color=palette.FAINT_INK, ls="--", lw=1, zorder=0)

@@ -5,15 +5,18 @@ import fcntl
 import json
 import pathlib
 import uuid
+from collections.abc import Iterator
+from typing import Any
 
 from ..errors import UserError, remedy
-from ..training.config import TrainConfig, run_from_json
+from ..training.config import RunConfig, TrainConfig, run_from_json
 from ..training.dataclass_json import differences
 from ..training.provenance import provenance
+from .spec import Sweep, put
 
 
-def checked(folder, name, found, storage="", resume=False):
-    """What sweep.json is to say. UserError: the folder holds something else than what is asked for."""
+def checked(folder: pathlib.Path, name: str, found: Sweep, storage: str = "", resume: bool = False) -> dict[str, Any]:
+    """The contents of sweep.json. UserError: the folder holds something else."""
     path = folder / "sweep.json"
     # In a database there may be other sweeps of the same name.
     studies = f"{name}-{uuid.uuid4().hex[:8]}" if storage else name
@@ -36,8 +39,8 @@ def checked(folder, name, found, storage="", resume=False):
     return value | {"studies": studies, "budget": budget, "runs": []}
 
 
-def keep(folder, kept):
-    """Write sweep.json, with this start among its runs: what is said of each was true of it."""
+def keep(folder: pathlib.Path, kept: dict[str, Any]) -> None:
+    """Write sweep.json, with the provenance of this start among its runs."""
     path, runs = folder / "sweep.json", list(kept["runs"])
     runs += [found for found in [provenance()] if found not in runs]
     try:
@@ -50,8 +53,8 @@ def keep(folder, kept):
 
 
 @contextlib.contextmanager
-def alone(folder):
-    """UserError: another process runs the sweep of this folder; one that was killed does no longer."""
+def alone(folder: pathlib.Path) -> Iterator[None]:
+    """Lock the folder. UserError: another process runs its sweep; the lock of a killed process is gone."""
     with open(folder / "sweep.lock", "w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -60,7 +63,8 @@ def alone(folder):
         yield
 
 
-def read(path, otherwise):
+def read(path: pathlib.Path, otherwise: str) -> dict[str, Any]:
+    """A JSON file of a sweep. UserError: it can't be read; ``otherwise`` is the remedy where there is none."""
     try:
         return json.loads(path.read_text())
     except FileNotFoundError:
@@ -69,10 +73,8 @@ def read(path, otherwise):
         raise UserError(f"{path} can't be read ({error}): search anew with another --out") from error
 
 
-def winner(folder):
-    """The `RunConfig` of a sweep's winner. UserError: there is none yet."""
-    from .spec import put
-
+def winner(folder: str | pathlib.Path) -> RunConfig:
+    """The configuration of a sweep's winner. UserError: there is none yet."""
     folder = pathlib.Path(folder)
     kept = read(folder / "sweep.json", "give the folder of one to --from-sweep")
     summary = read(folder / "summary.json", f"it isn't done: go on with jaxnav sweep FILE --resume --out {folder}")

@@ -1,24 +1,28 @@
-"""How much each searched value mattered, by Optuna's PED-ANOVA (Watanabe et al. 2023)."""
+"""The importance of each searched value, by Optuna's PED-ANOVA (Watanabe et al. 2023)."""
 
 import math
 from typing import Any
 
 import numpy as np
 
-LEAST = 10  # trials, below which shares are noise
-BETTER = 0.5  # a smaller part needs more trials: of 20 the best tenth named the right one of five values half the time
+from .results import Results, Trial
+
+LEAST = 10  # with fewer trials shares are noise
+BETTER = 0.5  # a smaller share needs more trials: the best tenth of 20 found the right value of five half the time
 
 
-def importance(results):
-    """How far the values of the better half of the trials stand out from those of all, as shares.
+def importance(results: Results) -> dict[str, Any]:
+    """Shares by which the values of the better half of the trials stand out from those of all trials.
 
-    Where fewer than half are better than the worst, as many fail alike, the better half are these.
+    Complete and stopped trials are compared after the steps of the first rung, which all of them have: later
+    measurements exist only for trials that went on. Without rungs complete trials are compared at their end. Where most
+    trials are equally bad, the better half are only those that are better.
 
-    Of trials that are complete or stopped, after the steps of the first rung, which all of them have: later ones know
-    only what was let go on. Without rungs, of complete ones at their end.
-
-    Returns `shares`: {name: share}, the largest first, None if they can't be known, with `why`; `trials`: how many were
-    compared, `better`, how many of them were the better, and `env_steps`, after which.
+    shares:    {name: share}, the largest first, None if they can't be known.
+    why:       the reason why not.
+    trials:    number of trials that were compared.
+    better:    number of the better ones among them.
+    env_steps: steps after which they were compared.
     """
     identity = results.identity
     steps = (identity["rungs"] or [identity["base"]["train"]["total_steps"]])[0]
@@ -34,8 +38,7 @@ def importance(results):
     found = {"shares": None, "trials": len(known), "better": 0, "env_steps": env_steps}
     if len(known) < LEAST:
         return found | {"why": f"fewer than {LEAST} trials can be compared"}
-    sign = 1 if identity["direction"] == "maximize" else -1
-    scores = np.sort([sign * objective for _, objective in known])[::-1]
+    scores = np.sort([results.sign * objective for _, objective in known])[::-1]
     better = min(math.ceil(BETTER * len(known)), int(np.sum(scores > scores[-1])))
     if not better:
         return found | {"why": "all trials are equally good"}
@@ -43,24 +46,24 @@ def importance(results):
     return found | {"shares": shares, "better": int(np.sum(scores >= scores[better - 1]))}
 
 
-def _at(trial, env_steps):
-    """The objective after those steps; None if the trial hasn't one."""
+def _at(trial: Trial, env_steps: int) -> float | None:
+    """The objective after that many steps, None if there is none."""
     for row in trial.curve:
         if row["env_steps"] == env_steps and row["objective"] is not None and np.isfinite(row["objective"]):
             return row["objective"]
     return None
 
 
-def _inside(values, identity):
+def _inside(values: dict[str, Any], identity: dict[str, Any]) -> bool:
     floats = all(found["low"] <= values[name] <= found["high"] for name, found in identity["space"].items())
     return floats and all(_label(values[name]) in map(_label, choices) for name, choices in identity["sizes"].items())
 
 
-def _label(value):
+def _label(value: Any) -> str:
     return str(list(value)) if isinstance(value, tuple | list) else str(value)
 
 
-def _shares(known, identity, quantile):
+def _shares(known: list[tuple[dict[str, Any], float]], identity: dict[str, Any], quantile: float) -> dict[str, float]:
     import optuna
     from optuna.distributions import CategoricalDistribution, FloatDistribution
 

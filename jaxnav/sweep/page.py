@@ -1,13 +1,18 @@
 """The summary of a sweep as Markdown, to be read in a minute."""
 
+import pathlib
 import re
 import shlex
+from collections.abc import Sequence
+from typing import Any
 
 from .numbers import name_of, number, searched, with_interval
 
+Summary = dict[str, Any]
 
-def markdown(summary, folder):
-    """The text of summary.md. summary: of `report.summarise`; folder: where the sweep lies, as commands name it."""
+
+def markdown(summary: Summary, folder: str | pathlib.Path) -> str:
+    """The text of summary.md. summary: of `report.summarise`; folder: the sweep's, as commands name it."""
     sections = (_confirmed, _importance, _best, _counts, _provenance)
     lines = [f"# Sweep {_text(summary['name'])}", "", _text(summary["answer"]), "", "![What was found](summary.png)"]
     for section in sections:
@@ -18,26 +23,26 @@ def markdown(summary, folder):
     return "\n".join(lines) + "\n"
 
 
-def _text(text):
-    """Text that Markdown takes as it is, on one line and in one cell."""
+def _text(text: object) -> str:
+    """The text escaped for Markdown, on one line and for one cell."""
     text = " ".join(str(text).split())
     return re.sub(r"([\\`*{}\[\]<>|~#&!$]|(?<![0-9A-Za-z])_|_(?![0-9A-Za-z]))", r"\\\1", text)
 
 
-def _table(header, rows):
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)]
 
 
-def _values(row, names):
+def _values(row: dict[str, Any], names: Sequence[str]) -> list[str]:
     return [_text(searched(row["values"][name])) if name in row["values"] else "-" for name in names]
 
 
-def _names(rows):
-    """Searched names that any of the rows has a value of."""
+def _names(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The names of all values in the rows."""
     return list(dict.fromkeys(name for row in rows for name in row["values"]))
 
 
-def _confirmed(summary):
+def _confirmed(summary: Summary) -> list[str]:
     rows, seeds = summary["confirmed"], summary["budget"]["seeds"]
     if not rows:
         return ["## Confirmed", "", "Nothing was trained again yet." if summary["budget"]["confirm"] else
@@ -59,24 +64,26 @@ def _confirmed(summary):
     return lines + _guard(summary)
 
 
-def _candidate(row, names, scenes, guard):
+def _candidate(
+    row: dict[str, Any], names: Sequence[str], scenes: Sequence[str], guard: dict[str, Any] | None
+) -> list[str]:
     cells = [name_of(row["trial"]), *_values(row, names), with_interval(*_mean(row["objective"]))]
     cells.append("" if row["trial"] is None else with_interval(*_mean(row["difference"]), signed=True))
     cells += [with_interval(*_mean(row["success"].get(scene))) for scene in scenes]
     return cells + ([_steps(row["guard"])] if guard else [])
 
 
-def _mean(measure):
+def _mean(measure: dict[str, Any] | None) -> tuple[float | None, Sequence[float] | None]:
     return (measure["mean"], measure["ci95"]) if measure else (None, None)
 
 
-def _broken(row):
+def _broken(row: dict[str, Any]) -> str:
     name = name_of(row["trial"]).capitalize()
     text = f"The numbers of {row['broken']} of the {len(row['seeds'])} trainings of {name.lower()} turned non-finite: "
     return text + ("the others speak for it." if row["trial"] is None else "it can't win.")
 
 
-def _steps(measure):
+def _steps(measure: dict[str, Any]) -> str:
     if measure["mean"] is None:
         return "-"
     seeds = len(measure["per_seed"])
@@ -88,7 +95,7 @@ def _steps(measure):
     return text + {True: "", False: "; fails", None: ""}[measure["passes"]]
 
 
-def _guard(summary):
+def _guard(summary: Summary) -> list[str]:
     guard = summary["guard"]
     if not guard:
         return []
@@ -104,7 +111,7 @@ def _guard(summary):
     return ["", text]
 
 
-def _importance(summary):
+def _importance(summary: Summary) -> list[str]:
     found = summary["importance"]
     lines = ["## What mattered", ""]
     if found["shares"] is None:
@@ -119,7 +126,7 @@ def _importance(summary):
     return lines + _table(["", "share"], [[f"`{name}`", f"{share:.0%}"] for name, share in found["shares"].items()])
 
 
-def _best(summary):
+def _best(summary: Summary) -> list[str]:
     rows, names = summary["best"], _names(summary["best"])
     lines = ["## Best of the search", ""]
     if not rows:
@@ -135,7 +142,7 @@ def _best(summary):
     )
 
 
-def _counts(summary):
+def _counts(summary: Summary) -> list[str]:
     counts, hours = summary["counts"], summary["device_hours"]
     states = list(dict.fromkeys(state for found in counts.values() for state in found))
     rows = [
@@ -153,7 +160,7 @@ def _counts(summary):
     ]
 
 
-def _provenance(summary):
+def _provenance(summary: Summary) -> list[str]:
     lines = ["## Made with", ""]
     for run in summary["runs"]:
         versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items() if version)

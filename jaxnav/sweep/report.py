@@ -1,9 +1,10 @@
-"""The answer of a sweep: which values won, how certain that is, what mattered, and what it cost."""
+"""The report of a sweep: which values won, how certain that is, which mattered, and the cost."""
 
 import collections
 import io
 import json
 import pathlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from . import page, progress
 from .answer import answer, unfit
 from .figure import figure_of
 from .importance import importance
-from .results import PHASES, Results
+from .results import PHASES, Results, Trial
 
 _RESAMPLES = 9999
+BySeed = dict[int, Trial]
 
 
-def write(results: Results, folder):
+def write(results: Results, folder: str | pathlib.Path) -> dict[str, Any]:
     """Write summary.json, summary.md and summary.png into ``folder``, each whole or not at all. Returns the summary.
 
     UserError: one can't be written.
@@ -32,7 +34,7 @@ def write(results: Results, folder):
     return summary
 
 
-def _put(path, content):
+def _put(path: pathlib.Path, content: bytes) -> None:
     temporary = path.with_name(path.name + ".tmp")
     try:
         try:
@@ -47,13 +49,18 @@ def _put(path, content):
 def summarise(results: Results) -> dict[str, Any]:
     """The results in numbers, as plain JSON.
 
-    Measures are dicts of `mean`, `ci95` (percentile bootstrap over seeds, None with fewer than two) and `per_seed`.
+    Measurements are dicts of `mean`, `ci95` (percentile bootstrap over seeds, None with fewer than two) and `per_seed`.
 
-    answer: a sentence or two; missing: what is unfinished, in words; winner: None while something is, else trial (None
-    for base), values, objective, ci95, seeds, and beats_base (None where nothing was confirmed); counts: of each phase
-    the trials asked for, begun, and in each state; confirmed: base and the candidates, the best first; guard: its
-    limit in env steps; importance: `importance.importance`; device_hours: by phase; best: ten of the search, those that
-    came furthest first.
+    answer:       a sentence or two.
+    missing:      unfinished parts, in words.
+    winner:       None while a part is missing, else trial (None for base), values, objective, ci95, seeds, and
+                  beats_base (None without a confirmation).
+    counts:       for each phase the trials asked for, begun, and in each state.
+    confirmed:    base and the candidates, the best first.
+    guard:        its limit in env steps.
+    importance:   `importance.importance`.
+    device_hours: by phase.
+    best:         ten trials of the search, the longest first.
     """
     guard = results.identity["guard"] if results.budget["confirm"] else None
     confirmed = _confirmed(results, guard)
@@ -84,25 +91,25 @@ def summarise(results: Results) -> dict[str, Any]:
     return {"answer": answer(summary), **summary}
 
 
-def _searched(trial):
+def _searched(trial: Trial) -> dict[str, Any]:
     found = {"trial": trial.number, "state": trial.state, "seed": trial.seed, "values": progress.plain(trial.values)}
     return found | {"objective": trial.objective, "env_steps": progress.env_steps(trial)}
 
 
-def _measure(per_seed):
-    """Mean and interval of the values that are known. None: there is no value."""
+def _measure(per_seed: Sequence[float | None]) -> dict[str, Any]:
+    """Mean and interval of the values that are known, None where there are too few."""
     known = np.sort([value for value in per_seed if value is not None])  # seeds have no order
-    found = {"mean": None, "ci95": None, "per_seed": per_seed}
+    found = {"mean": None, "ci95": None, "per_seed": list(per_seed)}
     if known.size:
         found["mean"] = float(np.clip(known.mean(), known[0], known[-1]))
     if known.size > 1:
-        drawn = bootstrap((known,), np.mean, n_resamples=_RESAMPLES, method="percentile", random_state=0)
+        drawn = bootstrap((known,), np.mean, n_resamples=_RESAMPLES, method="percentile", rng=np.random.default_rng(0))
         # Equal values have means that are rounded away from them.
         found["ci95"] = np.clip(drawn.confidence_interval, known[0], known[-1]).tolist()
     return found
 
 
-def _confirmed(results, guard):
+def _confirmed(results: Results, guard: dict[str, Any] | None) -> list[dict[str, Any]]:
     """Base first, then the candidates, the best mean first."""
     confirm, guarded = (progress.by_candidate(results, phase) for phase in ("confirm", "guard"))
     base = confirm.get(None, {})
@@ -112,18 +119,19 @@ def _confirmed(results, guard):
         for row in rows:
             known = limit is not None and row["guard"]["mean"] is not None
             row["guard"]["passes"] = True if row["trial"] is None else row["guard"]["mean"] <= limit if known else None
-    better = -progress.sign(results)
     unknown = float("inf")
     return sorted(
         rows,
         key=lambda row: (
             row["trial"] is not None,
-            unknown if row["objective"]["mean"] is None else better * row["objective"]["mean"],
+            unknown if row["objective"]["mean"] is None else -results.sign * row["objective"]["mean"],
         ),
     )
 
 
-def _candidate(results, of, trials, base, guarded, guard):
+def _candidate(
+    results: Results, of: int | None, trials: BySeed, base: BySeed, guarded: BySeed, guard: dict[str, Any] | None
+) -> dict[str, Any]:
     seeds = sorted(trials)
     objectives, others = _objectives(trials), _objectives(base)
     scenes = list(dict.fromkeys(name for seed in seeds for name in _last(trials[seed])))
@@ -144,19 +152,19 @@ def _candidate(results, of, trials, base, guarded, guard):
     }
 
 
-def _objectives(trials):
+def _objectives(trials: BySeed) -> dict[int, float]:
     ended = {seed: trial for seed, trial in trials.items() if trial.state == "complete"}
-    return {seed: trial.objective for seed, trial in ended.items() if progress.is_measured(trial)}
+    return {seed: trial.score for seed, trial in ended.items() if progress.is_measured(trial)}
 
 
-def _last(trial):
-    """Metrics of each scene, as they were when the trial was complete."""
+def _last(trial: Trial) -> dict[str, Any]:
+    """Metrics by scene of a complete trial at its end."""
     rows = [row["scenes"] for row in trial.curve if row["scenes"]]
     return rows[-1] if rows and trial.state == "complete" else {}
 
 
-def _steps(results, trials, guard):
-    """Env steps to the success of the guard; a seed that never reached it counts with all of its steps."""
+def _steps(results: Results, trials: BySeed, guard: dict[str, Any]) -> dict[str, Any]:
+    """Env steps to the guard's success; a seed that never reached it counts with all of its steps."""
     ended = [trials[seed] for seed in sorted(trials) if trials[seed].state != "running"]
     reached = [_reached(trial, guard["reaches"]) for trial in ended]
     most = guard["total_steps"] * results.identity["base"]["train"]["episodes"]
@@ -164,43 +172,42 @@ def _steps(results, trials, guard):
     return found | {"per_seed": reached, "reached": sum(steps is not None for steps in reached), "passes": None}
 
 
-def _reached(trial, success):
+def _reached(trial: Trial, success: float) -> int | None:
     for row in trial.curve:
         if row["scenes"] and all(metrics["success"] >= success for metrics in row["scenes"].values()):
             return row["env_steps"]
     return None
 
 
-def _limit(rows, guard):
-    """Most env steps with which a candidate passes; None where base has none yet."""
+def _limit(rows: list[dict[str, Any]], guard: dict[str, Any]) -> float | None:
+    """The most env steps with which a candidate passes; None before base has been measured."""
     means = [row["guard"]["mean"] for row in rows if row["trial"] is None]
     return guard["slack"] * means[0] if means and means[0] is not None else None
 
 
-def _winner(results, confirmed):
-    """None: nothing is complete."""
+def _winner(results: Results, confirmed: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The winner, None if no trial is complete."""
     if not results.budget["confirm"]:
         searched = [_searched(trial) for trial in progress.completed(results)[:1]]
         kept = ("trial", "values", "objective")
         one_seed = {"ci95": None, "seeds": 1, "beats_base": None}
         return {name: searched[0][name] for name in kept} | one_seed if searched else None
-    sign = progress.sign(results)
     fit = [row for row in confirmed if row["objective"]["mean"] is not None and not unfit(row)]
     if not fit:
         return None
-    best = max(fit, key=lambda row: sign * row["objective"]["mean"])  # base, where it is as good
+    best = max(fit, key=lambda row: results.sign * row["objective"]["mean"])  # of equally good ones base, the first
     return {
         "trial": best["trial"],
         "values": best["values"],
         "objective": best["objective"]["mean"],
         "ci95": best["objective"]["ci95"],
         "seeds": len(best["seeds"]),
-        "beats_base": _is_better(best["difference"], sign),
+        "beats_base": _is_better(best["difference"], results.sign),
     }
 
 
-def _is_better(difference, sign):
-    """Whether the whole interval of the difference lies on the better side of 0; None: of base itself."""
+def _is_better(difference: dict[str, Any] | None, sign: int) -> bool | None:
+    """Whether the whole interval of the difference lies on the better side of 0; None for base itself."""
     if difference is None:
         return None
     return difference["ci95"] is not None and min(sign * end for end in difference["ci95"]) > 0

@@ -1,4 +1,4 @@
-"""What a sweep has found: its trials, as plain data, whatever store they came from."""
+"""The results of a sweep: its trials as plain data, whatever store they come from."""
 
 import dataclasses
 from typing import Any
@@ -6,15 +6,24 @@ from typing import Any
 PHASES = ("search", "confirm", "guard")
 
 
+def sign_of(direction: str) -> int:
+    """1 of an objective that is maximised, -1 of one that is minimised: their product is largest where it is best."""
+    return 1 if direction == "maximize" else -1
+
+
 @dataclasses.dataclass(frozen=True)
 class Trial:
     """One training.
 
-    number: in its phase, from 0; state: running, stopped (at a rung), broken (its numbers turned non-finite) or
-    complete; values: by dotted name, what it has of its own, floats and sizes; seed: of its training; of: number of
-    the trial of the search whose values it has again, None for those of base; objective: the last one measured, None
-    before; curve: a row for each round: env_steps (since it began), objective, scenes (of each its metrics: success,
-    ...), losses (means over the round), seconds (its share of the round); device: on which it was trained last.
+    number:    its number in its phase, from 0.
+    state:     running, stopped (at a rung), broken (its numbers turned non-finite) or complete.
+    values:    the floats and sizes that it differs by, by dotted name.
+    seed:      seed of its training.
+    of:        number of the trial of the search that it repeats, None for base.
+    objective: the last measurement, None before the first.
+    curve:     a row for each round: env_steps (since it began), objective, scenes (metrics by scene), losses (means),
+               seconds (its share of the round).
+    device:    on which it was trained last.
     """
 
     number: int
@@ -27,19 +36,35 @@ class Trial:
     device: str = ""
 
     @property
-    def seconds(self):
-        """Of the device: its share of what its population took."""
+    def score(self) -> float:
+        """The objective of a trial that has one."""
+        assert self.objective is not None
+        return self.objective
+
+    @property
+    def seconds(self) -> float:
+        """Device time: its share of its population's."""
         return sum(row["seconds"] for row in self.curve)
 
 
 @dataclasses.dataclass(frozen=True)
 class Results:
-    """name: of the sweep; identity: what it was, as JSON (`Sweep.identity`); budget: trials, confirm and seeds asked
-    for; phases: trials by the name of the phase, in order of their numbers; runs: versions, commit and device
-    (`provenance`) of every start, as far as they differ."""
+    """The results of a sweep.
+
+    name:     of the sweep.
+    identity: its declaration as JSON (`Sweep.identity`).
+    budget:   trials, confirm and seeds asked for.
+    phases:   trials by phase, in order of their numbers.
+    runs:     versions, commit and device (`provenance`) of every start, as far as they differ.
+    """
 
     name: str
     identity: dict
     budget: dict
     phases: dict[str, list[Trial]]
     runs: list[dict] = dataclasses.field(default_factory=list)
+
+    @property
+    def sign(self) -> int:
+        """1 where the objective is maximised, -1 where it is minimised."""
+        return sign_of(self.identity["direction"])

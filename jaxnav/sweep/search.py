@@ -1,49 +1,58 @@
-"""The search: who begins, who is stopped, who is confirmed. All of it follows from the store.
+"""The search: which trials begin, are stopped and are confirmed. All of it follows from the store.
 
-Each turn decides about the trials that have come to a rung, fills free slots, and takes every population a round
-further. Populations wait for each other: so the same trials are drawn whatever engine trains them, and a sweep that
-was killed draws them again. Halving is that of Li et al. 2020 ("A system for massively parallel hyperparameter
-tuning", ASHA), decided for all at once that have come to a rung.
+Each turn decides on the trials that have come to a rung, fills free slots, and trains every population for a round.
+Populations wait for each other: so the trials are the same whatever engine trains them, and a sweep that was killed
+proposes the same ones again. Halving is that of Li et al. 2020 ("A system for massively parallel hyperparameter
+tuning", ASHA), decided at once for all trials that have come to a rung.
 """
 
 import json
 import math
 import pathlib
+from collections.abc import Callable
+from typing import Any
 
 from ..errors import UserError
 from . import phases
-from .results import PHASES, Results
+from .engines import Engine, Task
+from .results import PHASES, Results, Trial
 from .spec import Sweep
-from .store import Place, Store
-from .worker import SlotFill
+from .store import Place, Store, Study
+from .worker import PopulationJob, Round, SlotFill
 
 
-def run(sweep: Sweep, folder: pathlib.Path, store: Store, engine, report=lambda results, state: None):
-    """Search, confirm and guard, from where the store is. Returns `Results`.
+def run(
+    sweep: Sweep,
+    folder: pathlib.Path,
+    store: Store,
+    engine: Engine,
+    report: Callable[[Results, str], None] = lambda results, state: None,
+) -> Results:
+    """Run search, confirmation and guard, from where the store is.
 
-    report: called with `Results` and a line on what is going on, after each round.
+    report: called after each round with the results so far and a line on the current state.
     """
     for make in (phases.search, phases.confirm, phases.guard):
         phase = make(sweep, folder, store)
-        if phase is not None and phase.units:
+        if phase is not None and phase.populations:
             study = store.open(phase.name, sweep)
             _play(sweep, phase, study, engine, lambda state: report(results(sweep, store), state))
     return results(sweep, store)
 
 
-def results(sweep: Sweep, store: Store):
-    """What is in the store."""
+def results(sweep: Sweep, store: Store) -> Results:
+    """The results in the store."""
     budget = {field: getattr(sweep, field) for field in ("trials", "confirm", "seeds")}
     found = {phase: store.trials(phase) for phase in PHASES}
     return Results(store.name, json.loads(json.dumps(sweep.identity())), budget, found)
 
 
-def _play(sweep, phase, study, engine, report):
+def _play(sweep: Sweep, phase: phases.Phase, study: Study, engine: Engine, report: Callable[[str], None]) -> None:
     """Train all trials of a phase, in turns that all populations take together."""
     _check_members(sweep, study)
     while True:
         trials, places = study.trials(), study.places()
-        # Trials that are behind are those that a kill kept from being told of: nothing is decided without them.
+        # Trials are behind where the sweep was killed before they were stored: nothing is decided without them.
         turns = {places[t.number].turn + len(t.curve) for t in trials if t.state == "running"}
         if len(turns) < 2:
             _decide(sweep, phase, study, trials)
@@ -51,7 +60,7 @@ def _play(sweep, phase, study, engine, report):
             trials, places = study.trials(), study.places()
             turns = {places[t.number].turn + len(t.curve) for t in trials if t.state == "running"}
         if not turns:
-            engine.forget([unit.name for unit, _ in phase.units])
+            engine.forget([job.name for job, _ in phase.populations])
             report(f"{phase.name}: done")
             return
         behind = {
@@ -60,17 +69,17 @@ def _play(sweep, phase, study, engine, report):
         }  # fmt: skip
         if not any(trial.curve for trial in trials):
             report(f"{phase.name}: the first round compiles")
-        jobs = _jobs(phase, trials, places, behind)
-        found = engine.advance(jobs, _counter(report, phase.name, len(jobs), len(trials), len(behind)))
-        for (unit, _, _), result in zip(jobs, found, strict=True):
-            there = [t for t in trials if t.state == "running" and places[t.number].unit == unit.name]
+        tasks = _tasks(phase, trials, places, behind)
+        found = engine.advance(tasks, _counter(report, phase.name, len(tasks), len(trials), len(behind)))
+        for (job, _, _), result in zip(tasks, found, strict=True):
+            there = [t for t in trials if t.state == "running" and places[t.number].population == job.name]
             for trial in there:
                 if trial.number in behind:
-                    study.report(trial, *_row(sweep, unit, trial, places[trial.number].slot, result, len(there)))
+                    study.report(trial, *_row(sweep, job, trial, places[trial.number].slot, result, len(there)))
 
 
-def _check_members(sweep, study):
-    """UserError: a sweep goes on with fewer slots than trials still train in."""
+def _check_members(sweep: Sweep, study: Study) -> None:
+    """UserError: a sweep goes on with fewer slots than its running trials need."""
     for trial, place in zip(study.trials(), study.places().values(), strict=True):
         if trial.state == "running" and place.slot >= sweep.members:
             raise UserError(
@@ -79,25 +88,27 @@ def _check_members(sweep, study):
             )
 
 
-def _jobs(phase, trials, places, behind):
-    """(unit, round, fills) of the populations of trials that are to go a round further."""
-    jobs = []
-    for unit, _ in phase.units:
-        there = [trial for trial in trials if places[trial.number].unit == unit.name]
+def _tasks(phase: phases.Phase, trials: list[Trial], places: dict[int, Place], behind: dict[int, Trial]) -> list[Task]:
+    """The tasks of a turn. behind: the trials that it trains."""
+    tasks = []
+    for job, _ in phase.populations:
+        there = [trial for trial in trials if places[trial.number].population == job.name]
         rounds = {places[trial.number].round + len(trial.curve) for trial in there if trial.number in behind}
         if rounds:
             (round,) = rounds
             fills = [
-                SlotFill(places[t.number].round, places[t.number].slot, t.seed, {n: t.values[n] for n in unit.floats})
+                SlotFill(places[t.number].round, places[t.number].slot, t.seed, {n: t.values[n] for n in job.floats})
                 for t in there
-                if places[t.number].slot < unit.members  # others have ended, when there were more slots
+                if places[t.number].slot < job.members  # the others have ended, when there were more slots
             ]
-            jobs.append((unit, round, sorted(fills, key=lambda fill: fill.round)))
-    return jobs
+            tasks.append((job, round, sorted(fills, key=lambda fill: fill.round)))
+    return tasks
 
 
-def _counter(report, name, populations, begun, training):
-    """What an engine calls after each population."""
+def _counter(
+    report: Callable[[str], None], name: str, populations: int, begun: int, training: int
+) -> Callable[[], None]:
+    """A function for an engine to call after each population."""
     back = 0
 
     def done():
@@ -108,12 +119,14 @@ def _counter(report, name, populations, begun, training):
     return done
 
 
-def _row(sweep, unit, trial, slot, result, members):
-    """(steps of all episodes since the trial began, row of its curve)."""
-    step = (len(trial.curve) + 1) * unit.round_steps
+def _row(
+    sweep: Sweep, job: PopulationJob, trial: Trial, slot: int, result: Round, members: int
+) -> tuple[int, dict[str, Any]]:
+    """(steps of every episode since the trial began, row of its curve)."""
+    step = (len(trial.curve) + 1) * job.round_steps
     broken, scenes = result.broken[slot], result.scenes[slot]
     return step, {
-        "env_steps": step * unit.config.train.episodes,
+        "env_steps": step * job.config.train.episodes,
         "objective": None if broken else _objective(sweep, scenes),
         "scenes": scenes,
         "losses": result.losses[slot],
@@ -123,8 +136,8 @@ def _row(sweep, unit, trial, slot, result, members):
     }
 
 
-def _objective(sweep, scenes):
-    """A finite number. UserError: somebody's function gives none."""
+def _objective(sweep: Sweep, scenes: dict[str, Any]) -> float:
+    """The objective, a finite number. UserError: the sweep's function fails or gives none."""
     name = sweep.objective.__name__
     try:
         value = float(sweep.objective(scenes))
@@ -138,10 +151,9 @@ def _objective(sweep, scenes):
     return value
 
 
-def _decide(sweep, phase, study, trials):
+def _decide(sweep: Sweep, phase: phases.Phase, study: Study, trials: list[Trial]) -> None:
     """End the trials that broke, have come to their end, or are not among the best at a rung."""
     episodes = sweep.base.train.episodes
-    sign = 1 if sweep.direction == "maximize" else -1
     for trial in trials:
         if trial.state != "running" or not trial.curve:
             continue
@@ -155,31 +167,34 @@ def _decide(sweep, phase, study, trials):
             study.end(trial, "complete")
         elif step in phase.rungs:
             came = [
-                (-sign * row["objective"], other.number) for other in trials for row in other.curve
+                (-sweep.sign * row["objective"], other.number) for other in trials for row in other.curve
                 if row["env_steps"] == last["env_steps"] and row["objective"] is not None
             ]  # fmt: skip
-            better = sum(other < (-sign * last["objective"], trial.number) for other in came)  # of equals the earlier
+            own = -sweep.sign * last["objective"], trial.number  # of equally good trials the earlier is better
+            better = sum(other < own for other in came)
             if better >= math.ceil(sweep.keep * len(came)):
                 study.end(trial, "stopped")
 
 
-def _fill(sweep, phase, study):
+def _fill(sweep: Sweep, phase: phases.Phase, study: Study) -> None:
     """Begin trials in free slots, populations in turn."""
     trials, places = study.trials(), study.places()
     number = len(trials)
-    taken = {(places[t.number].unit, places[t.number].slot) for t in trials if t.state == "running"}
+    taken = {(places[t.number].population, places[t.number].slot) for t in trials if t.state == "running"}
     free = [
-        (slot, unit, sizes) for slot in range(sweep.members) for unit, sizes in phase.units
-        if (unit.name, slot) not in taken
+        (slot, population, sizes) for slot in range(sweep.members) for population, sizes in phase.populations
+        if (population.name, slot) not in taken
     ]  # fmt: skip
     turn = max((places[t.number].turn + len(t.curve) for t in trials), default=0)
     if not free:
         return
-    propose = phase.proposals(study, trials)
-    for slot, unit, sizes in free:
-        job = propose(sizes, number)
-        if job is None:
+    propose = phase.proposer(study, trials)
+    for slot, population, sizes in free:
+        proposal = propose(sizes, number)
+        if proposal is None:
             continue
-        ages = [places[t.number].round + len(t.curve) for t in trials if places[t.number].unit == unit.name]
-        study.add(job.values, phase.kinds, job.seed, job.of, Place(unit.name, slot, max(ages, default=0), turn))
+        name = population.name
+        ages = [places[t.number].round + len(t.curve) for t in trials if places[t.number].population == name]
+        place = Place(name, slot, max(ages, default=0), turn)
+        study.add(proposal.values, phase.kinds, proposal.seed, proposal.of, place)
         number += 1

@@ -1,4 +1,4 @@
-"""What a sweep is: the configuration it starts from, the space it searches, its budget, and what is best."""
+"""The declaration of a sweep: the configuration it starts from, the space it searches, its budget, its objective."""
 
 import dataclasses
 import importlib.util
@@ -15,6 +15,7 @@ import tyro
 from ..errors import UserError
 from ..training.config import HSACRunConfig, resolve, scene_names
 from ..training.dataclass_json import to_json
+from .results import sign_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,13 +27,13 @@ class Range:
     log: bool = False
 
 
-def mean_success(scenes):
-    """Mean success over the scenes. scenes: of each its metrics, as `judge.metrics` gives them."""
+def mean_success(scenes: Mapping[str, Any]) -> float:
+    """Mean success over the scenes. scenes: metrics by scene, as `judge.metrics` gives them."""
     return float(np.mean([metrics["success"] for metrics in scenes.values()]))
 
 
-def worst_success(scenes):
-    """Success in the scene with the least of it."""
+def worst_success(scenes: Mapping[str, Any]) -> float:
+    """Success in the scene where it is lowest."""
     return min(metrics["success"] for metrics in scenes.values())
 
 
@@ -42,10 +43,10 @@ class Guard:
 
     Attributes:
         scene: as in a run.
-        total_steps: of all episodes, in which every scene has to reach the success.
-        every: steps between two looks at it.
-        reaches: success, in every scene at once.
-        slack: the factor on the steps of ``base`` that a winner may take, both as means over the seeds.
+        total_steps: steps of every episode within which every scene has to reach the success.
+        every: steps between two measurements.
+        reaches: the success that all scenes have to reach at once.
+        slack: a winner may take this many times the steps of ``base``, both as means over the seeds.
     """
 
     scene: str = "all"
@@ -55,8 +56,8 @@ class Guard:
     slack: float = 1.1
 
 
-FRESH_SEED = 1_000_000  # of the first training that confirms; no trial of a search comes so far
-_CODE = tyro.conf.Suppress  # said in the file alone
+FRESH_SEED = 1_000_000  # of the first confirming training; trials of a search have lower ones
+_CODE = tyro.conf.Suppress  # only the file can set these fields
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,23 +65,22 @@ class Sweep:
     """A search over hyperparameters: populations of trials, of which the worst are stopped early and replaced.
 
     Attributes:
-        base: the run that trials differ from. Its seed is that of the first trial, the next has the next.
+        base: the run that trials differ from. Its seed is the first trial's; each further trial has the next seed.
         space: ranges of floats, by dotted name: ``hyper.*`` and ``world.params.reward_*``.
-        sizes: values of static fields, by dotted name (``agent.updates_per_step``): each combination of them is
-            compiled for itself and has populations of its own.
-        objective: from the metrics of each scene to what is best.
-        direction: whether most or least of it is best.
-        guard: what a winner must not lose beside it.
-        trials: how many are begun, those that are stopped early included.
+        sizes: values of static fields, by dotted name (``agent.updates_per_step``): each combination has a compiled
+            program and populations of its own.
+        objective: a function from the metrics of all scenes to a number.
+        direction: whether the objective is to be large or small.
+        guard: other scenes, in which the winner must still learn.
+        trials: number of trials, those that are stopped early included.
         members: trials that a population trains at once.
-        populations: of each combination of sizes.
-        rungs: steps of all episodes after which trials are stopped that are not among the best of those that came
-            there.
-        keep: the share of them that goes on.
-        episodes: of each scene, which judge a trial.
-        confirm: how many of the best are trained again beside ``base``; 0 takes the best trial for the winner.
-        seeds: fresh ones, with which each of them is.
-        seed: of what is drawn.
+        populations: populations of each combination of sizes.
+        rungs: steps of every episode after which the worst trials are stopped.
+        keep: share of the trials at a rung that go on.
+        episodes: episodes of each scene that judge a trial.
+        confirm: how many of the best trials are trained again beside ``base``; 0 declares the best trial the winner.
+        seeds: fresh seeds with which each of them is trained.
+        seed: seed of the search itself.
     """
 
     base: HSACRunConfig
@@ -100,37 +100,42 @@ class Sweep:
     seed: int = 0
 
     @property
-    def round_steps(self):
-        """Steps of all episodes between two looks at the trials."""
+    def sign(self) -> int:
+        """1 where the objective is maximised, -1 where it is minimised."""
+        return sign_of(self.direction)
+
+    @property
+    def round_steps(self) -> int:
+        """Steps of every episode in a round, after which trials are judged."""
         return math.gcd(*self.rungs, self.base.train.total_steps)
 
     @property
-    def combinations(self):
-        """Of the sizes: {name: value} each, one empty one if none are searched."""
+    def combinations(self) -> list[dict[str, Any]]:
+        """Combinations of the sizes, {name: value} each; a single empty one if no sizes are searched."""
         names = list(self.sizes)
         return [dict(zip(names, values, strict=True)) for values in itertools.product(*self.sizes.values())]
 
     @property
-    def own(self):
-        """Fields of the world's `Params` that each trial has of its own."""
+    def own(self) -> tuple[str, ...]:
+        """Fields of the world's `Params` that differ between trials."""
         return tuple(name.rpartition(".")[2] for name in self.space if name.startswith("world."))
 
-    def base_values(self):
-        """The values of ``base`` by the names that are searched."""
-        base = resolve(self.base)  # rewards of the scene are those of the world, unless said otherwise
+    def base_values(self) -> dict[str, Any]:
+        """The values of ``base``, by the searched names."""
+        base = resolve(self.base)  # a scene brings rewards of its own, unless the run sets them
         sizes = {name: get(base, name) for name in self.sizes}
         floats: dict[str, Any] = {name: get(base, name) for name in self.space}
         return sizes | {name: float(value) for name, value in floats.items()}
 
-    def configuration(self, values):
-        """The `HSACRunConfig` of a trial with those values, resolved."""
+    def configuration(self, values: Mapping[str, Any]) -> HSACRunConfig:
+        """The resolved configuration of a trial with these values."""
         config = self.base
         for name, value in values.items():
             config = put(config, name, value)
         return resolve(config)
 
-    def identity(self):
-        """What must stay the same for a sweep to go on, as JSON: all but trials, members, confirm and seeds."""
+    def identity(self) -> dict[str, Any]:
+        """The fields that a sweep must keep to go on, as JSON: all but trials, members, confirm and seeds."""
         free = {"space", "sizes", "objective", "guard", "trials", "members", "confirm", "seeds"}
         rest = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in free}
         base = to_json(self.base)
@@ -145,27 +150,27 @@ class Sweep:
         }
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def get(config, name):
+def get(config: Any, name: str) -> Any:
     """The value of a dotted field."""
     for part in name.split("."):
         config = getattr(config, part)
     return config
 
 
-def put(config, name, value):
-    """``config`` with another value in a dotted field."""
+def put(config: Any, name: str, value: Any) -> Any:
+    """A copy of ``config`` with ``value`` in a dotted field."""
     first, _, rest = name.partition(".")
     if rest:
         value = put(getattr(config, first), rest, value)
     return dataclasses.replace(config, **{first: value})
 
 
-def load(path) -> Sweep:
-    """The `Sweep` that a Python file calls ``sweep``. UserError: there is none, or it can't be run."""
+def load(path: str | pathlib.Path) -> Sweep:
+    """The `Sweep` named ``sweep`` in a Python file. UserError: there is none, or the file can't be run."""
     path = pathlib.Path(path)
     if not path.is_file():
         raise UserError(f"{path} is no file: give the Python file that declares a sweep")
@@ -187,8 +192,8 @@ def load(path) -> Sweep:
     return sweep
 
 
-def check(sweep: Sweep):
-    """UserError names the field that is wrong, its value and the remedy."""
+def check(sweep: Sweep) -> None:
+    """UserError: a field is wrong; names the field, its value and the remedy."""
     if sweep.direction not in ("maximize", "minimize"):
         raise UserError(f"direction is {sweep.direction!r}: give maximize or minimize")
     if not callable(sweep.objective) or not hasattr(sweep.objective, "__name__"):
@@ -206,7 +211,7 @@ def check(sweep: Sweep):
     if sweep.base.seed + sweep.trials > FRESH_SEED:
         raise UserError(
             f"base.seed is {sweep.base.seed}, with {sweep.trials} trials: give a smaller one, since seeds from "
-            f"{FRESH_SEED} on are for those who confirm"
+            f"{FRESH_SEED} on are for the confirmation"
         )
     if not 0 < sweep.keep < 1:
         raise UserError(f"keep is {sweep.keep}: give a share above 0 and below 1")
@@ -228,8 +233,8 @@ def check(sweep: Sweep):
                 raise UserError(f"the {end} ends of space: {error}") from None
 
 
-def _known(sweep, name):
-    """Raises UserError unless ``base`` has that dotted field."""
+def _known(sweep: Sweep, name: str) -> Any:
+    """The value of a dotted field of ``base``. UserError: there is no such field."""
     try:
         return get(sweep.base, name)
     except AttributeError:
@@ -241,7 +246,7 @@ def _known(sweep, name):
         raise UserError(f"{name} is no field of base ({last!r} is unknown): choose from {', '.join(fields)}") from None
 
 
-def _check_range(sweep, name, found):
+def _check_range(sweep: Sweep, name: str, found: Any) -> None:
     value = _known(sweep, name)
     if not isinstance(found, Range):
         raise UserError(f"space has {found!r} for {name}: give a Range(low, high), or move it to sizes")
@@ -261,7 +266,7 @@ def _check_range(sweep, name, found):
         raise UserError(f"space has a logarithmic range for {name} from {found.low}: begin above 0, or give log=False")
 
 
-def _check_size(sweep, name, values):
+def _check_size(sweep: Sweep, name: str, values: Any) -> None:
     value = _known(sweep, name)
     if not name.startswith(("agent.", "train.")):
         raise UserError(f"sizes has {name}: give fields of agent or train; floats belong into space")
@@ -278,7 +283,7 @@ def _check_size(sweep, name, values):
             raise UserError(f"sizes has {choice!r} for {name}: {error}") from None
 
 
-def _check_guard(guard, chunk):
+def _check_guard(guard: Guard, chunk: int) -> None:
     if guard.every < 1 or guard.every % chunk or guard.total_steps < 1 or guard.total_steps % guard.every:
         raise UserError(
             f"guard.every is {guard.every} and guard.total_steps {guard.total_steps}: give a multiple of "

@@ -1,7 +1,7 @@
-"""Where trials are kept: a phase of a sweep is a study of Optuna, in a file of ours or in any database that it takes.
+"""The store of trials: each phase of a sweep is a study of Optuna, in a file of ours or in any database it supports.
 
-The only user of Optuna's storage. A trial is added whole, with its values and its place; a round of it is one more
-attribute. So a kill between any two lines leaves a store that the next start reads as it is.
+The only user of Optuna's storage. A trial is added whole, with its values and its place; each of its rounds is one more
+attribute. So a kill between any two lines leaves a store that the next start can read.
 """
 
 import contextlib
@@ -9,7 +9,9 @@ import dataclasses
 import json
 import pathlib
 import warnings
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 from ..errors import UserError, remedy
 from ..training.dataclass_json import differences
@@ -18,6 +20,7 @@ from .spec import Sweep
 
 try:
     import optuna
+    import optuna.storages.journal
     import sqlalchemy.exc
 except ImportError as error:
     raise UserError(
@@ -32,10 +35,15 @@ _STATES = {"RUNNING": "running", "COMPLETE": "complete", "PRUNED": "stopped", "F
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Where and when a trial trains: unit: name of its population; slot in it; round: of the population, before which
-    it begins; turn: of all populations, in which it does."""
+    """Where and when a trial trains.
 
-    unit: str
+    population: its name.
+    slot:       the trial's slot in it.
+    round:      the population's round before which the trial begins.
+    turn:       the turn of all populations in which it begins.
+    """
+
+    population: str
     slot: int
     round: int
     turn: int
@@ -44,16 +52,16 @@ class Place:
 class Store:
     """All studies of one sweep. UserError where they can't be read or written, or belong to another sweep.
 
-    name: of the studies; mend: cut off what a full disk left of a line, which only the one who writes may do.
+    name: of the studies; mend: cut off the half line that a full disk left, which only the writing process may do.
     """
 
-    def __init__(self, folder: pathlib.Path, name: str, url: str = "", mend=False):
+    def __init__(self, folder: pathlib.Path, name: str, url: str = "", mend: bool = False) -> None:
         self._where, self.name = url or str(folder / "store.log"), name
         with self._telling():
             self._storage = _database(url) if url else _file(folder / "store.log", mend)
 
-    def open(self, phase: str, sweep: Sweep):
-        """The `Study` of a phase, made if there is none."""
+    def open(self, phase: str, sweep: Sweep) -> "Study":
+        """The `Study` of a phase, created if there is none."""
         with self._telling():
             study = optuna.create_study(
                 storage=self._storage,
@@ -74,8 +82,8 @@ class Store:
             )
         return Study(study, self._telling)
 
-    def trials(self, phase):
-        """Trials of a phase, if there is one yet: for a report, which needs no sweep."""
+    def trials(self, phase: str) -> list[Trial]:
+        """Trials of a phase, none if it has not begun: for a report, which needs no sweep."""
         with self._telling():
             names = {summary.study_name for summary in optuna.get_all_study_summaries(self._storage)}
             name = f"{self.name}/{phase}"
@@ -84,7 +92,7 @@ class Store:
             return Study(optuna.load_study(study_name=name, storage=self._storage), self._telling).trials()
 
     @contextlib.contextmanager
-    def _telling(self):
+    def _telling(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
@@ -101,22 +109,24 @@ class Store:
 class Study:
     """The trials of a phase, in order of their numbers."""
 
-    def __init__(self, study, telling):
+    def __init__(self, study: Any, telling: Callable[[], AbstractContextManager[None]]) -> None:
         self._study, self._telling = study, telling
 
     def trials(self) -> list[Trial]:
-        """All of them."""
+        """All trials."""
         with self._telling():
             return [_trial(frozen) for frozen in self._study.get_trials(deepcopy=False)]
 
     def places(self) -> dict[int, Place]:
-        """Where each trains, or trained, by number."""
+        """Places of the trials, by their numbers."""
         with self._telling():
             frozen = self._study.get_trials(deepcopy=False)
             return {f.number: Place(**f.user_attrs["place"]) for f in frozen}
 
-    def add(self, values: dict[str, Any], distributions, seed, of, place: Place):
-        """One more trial, which begins."""
+    def add(
+        self, values: dict[str, Any], distributions: dict[str, Any], seed: int, of: int | None, place: Place
+    ) -> None:
+        """Begin a trial."""
         labels = {name: label(value) for name, value in values.items()}
         frozen = optuna.trial.create_trial(
             state=optuna.trial.TrialState.RUNNING, params=labels, distributions=distributions,
@@ -126,8 +136,8 @@ class Study:
         with self._telling():
             self._study.add_trial(frozen)
 
-    def report(self, trial: Trial, step, row):
-        """A round of a trial: its objective after ``step`` steps of all episodes, and the row of its curve."""
+    def report(self, trial: Trial, step: int, row: dict[str, Any]) -> None:
+        """Store a round of a trial: the row of its curve, after ``step`` steps of every episode."""
         with self._telling():
             handle = self._handle(trial)
             if row["objective"] is not None:
@@ -135,33 +145,36 @@ class Study:
             # Last: a round counts once this is there.
             self._study._storage.set_trial_user_attr(handle, f"round {len(trial.curve):05}", row)
 
-    def end(self, trial: Trial, state):
-        """The trial is stopped, complete or broken."""
+    def end(self, trial: Trial, state: str) -> None:
+        """End a trial. state: stopped, complete or broken."""
         name = {found: name for name, found in _STATES.items()}[state]
         with self._telling():
             value = trial.objective if state == "complete" else None
             self._study.tell(trial.number, value, state=optuna.trial.TrialState[name])
 
-    def _handle(self, trial):
+    def _handle(self, trial: Trial) -> int:
         return self._study._storage.get_trial_id_from_study_id_trial_number(self._study._study_id, trial.number)
 
-    def sampler(self, seed, startup):
-        """A `Sampler` that knows the trials of now."""
+    def sampler(self, seed: int, startup: int) -> "Sampler":
+        """A `Sampler` that knows the present trials."""
         with self._telling():
             return Sampler(self._study.direction, self._study.get_trials(deepcopy=False), seed, startup)
 
 
 class Sampler:
-    """Proposes values by Optuna's TPE (Bergstra et al. 2011). What it proposes follows from the trials and from the
-    number of the next: so a sweep that was killed goes on as if it hadn't been."""
+    """Proposes values by Optuna's TPE (Bergstra et al. 2011).
 
-    def __init__(self, direction, trials, seed, startup):
+    A proposal follows from the trials and the number of the next one: so a sweep that was killed goes on as if it
+    hadn't been. startup: trials that are drawn at random first.
+    """
+
+    def __init__(self, direction: Any, trials: list[Any], seed: int, startup: int) -> None:
         self._study = optuna.create_study(direction=direction)
         self._study.add_trials(trials)
         self._seed, self._startup = seed, startup
 
-    def ask(self, number, distributions, fixed):
-        """Values by name for trial ``number``, those of ``fixed`` as they are."""
+    def ask(self, number: int, distributions: dict[str, Any], fixed: dict[str, Any]) -> dict[str, Any]:
+        """Values by name for trial ``number``; those in ``fixed`` are kept."""
         fixed = {name: label(value) for name, value in fixed.items()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
@@ -173,21 +186,29 @@ class Sampler:
         return {name: _value(value) for name, value in found.items()}
 
 
-def distributions(sweep: Sweep, jobs=None):
-    """Optuna's distributions of what is searched, by name; with ``jobs``, that these have values of, also beyond."""
+class HasValues(Protocol):
+    """Has values by dotted name."""
+
+    @property
+    def values(self) -> dict[str, Any]: ...
+
+
+def distributions(sweep: Sweep, trials: Iterable[HasValues] = ()) -> dict[str, Any]:
+    """Optuna's distributions of the searched values, by name; widened so that they hold the values of ``trials``."""
+    trials = list(trials)
     floats, sizes = {}, {}
     for name, found in sweep.space.items():
-        values = [job.values[name] for job in jobs or ()]
+        values = [trial.values[name] for trial in trials]
         low, high = min([found.low, *values]), max([found.high, *values])
-        floats[name] = optuna.distributions.FloatDistribution(low, high, log=found.log and not jobs)
+        floats[name] = optuna.distributions.FloatDistribution(low, high, log=found.log and not trials)
     for name, values in sweep.sizes.items():
-        values = dict.fromkeys([*values, *(job.values[name] for job in jobs or ())])
+        values = dict.fromkeys([*values, *(trial.values[name] for trial in trials)])
         sizes[name] = optuna.distributions.CategoricalDistribution([label(value) for value in values])
     return sizes | floats
 
 
-def label(value):
-    """What stands for a value in the store, which takes no tuples."""
+def label(value: Any) -> Any:
+    """The form of a value in the store, which takes no tuples."""
     return json.dumps(list(value)) if isinstance(value, tuple) else value
 
 

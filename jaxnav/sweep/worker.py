@@ -1,7 +1,8 @@
-"""Where populations train: a process that holds some of them on its device and takes them a round further.
+"""A process that holds populations on its device and trains them a round at a time.
 
-What a population is after so many rounds follows from who began when, in which slot: its fills. So a process that has
-lost it, or never had it, takes up its last checkpoint, or none, and plays the rounds since then again.
+The state of a population after a number of rounds follows from its fills: which learner began when, in which slot. So a
+process that has lost a population, or never had it, loads its last checkpoint, if there is one, and plays the rounds
+since then again.
 """
 
 import concurrent.futures
@@ -16,7 +17,7 @@ import jax
 import numpy as np
 
 from ..training.checkpoint import Checkpoints
-from ..training.config import RunConfig, make_agent
+from ..training.config import HSACRunConfig, make_agent
 from ..training.dataclass_json import to_json
 from ..training.population import Population
 from .judge import PopulationEvaluator
@@ -30,15 +31,21 @@ LOSSES = (
 
 @dataclasses.dataclass(frozen=True)
 class PopulationJob:
-    """A population of a sweep.
+    """A population that a sweep has trained.
 
-    name: of it in the sweep; config: of its members, seed and searched floats aside; members: slots; floats: dotted
-    names of what each has of its own; round_steps: of all episodes between two looks; episodes: of each scene, seed
-    and phrases: of the look; folder: of its checkpoints.
+    name:        its name in the sweep.
+    config:      the members' configuration, but for their seeds and searched floats.
+    members:     number of slots.
+    floats:      dotted names of the floats that differ between members.
+    round_steps: steps of every episode in a round, after which the members are judged.
+    episodes:    episodes of each scene that judge them.
+    seed:        seed of those episodes.
+    phrases:     the split of phrases that people speak there.
+    folder:      where its checkpoints are.
     """
 
     name: str
-    config: RunConfig
+    config: HSACRunConfig
     members: int
     floats: tuple[str, ...]
     round_steps: int
@@ -47,8 +54,8 @@ class PopulationJob:
     phrases: str
     folder: str
 
-    def program(self):
-        """What has to be the same for two populations to share what is compiled."""
+    def program(self) -> str:
+        """A text that is equal for populations that share a compiled program."""
         config = to_json(self.config)
         config["train"].pop("checkpoint_seconds")
         return json.dumps([config, self.members, self.floats, self.episodes], sort_keys=True)
@@ -56,7 +63,7 @@ class PopulationJob:
 
 @dataclasses.dataclass(frozen=True)
 class SlotFill:
-    """A learner that begins in a slot before a round. values: by dotted name, those of `PopulationJob.floats`."""
+    """A learner that begins in a slot before a round. values: the floats of `PopulationJob.floats` by name."""
 
     round: int
     slot: int
@@ -66,8 +73,14 @@ class SlotFill:
 
 @dataclasses.dataclass(frozen=True)
 class Round:
-    """What a round came to: scenes: of each slot its metrics (`judge.metrics`); losses: of each slot; broken: whether
-    the numbers of a slot are no longer finite; seconds: that it took, to train and to judge; device: which."""
+    """The result of a round.
+
+    scenes:  for each slot the metrics of every scene (`judge.metrics`).
+    losses:  for each slot its mean losses by name.
+    broken:  for each slot whether its numbers are no longer finite.
+    seconds: the time it took to train and to judge.
+    device:  the kind of device.
+    """
 
     scenes: list[dict]
     losses: list[dict]
@@ -78,7 +91,7 @@ class Round:
 
 @dataclasses.dataclass
 class _Held:
-    """A population that this process holds: its state after ``round`` rounds, and what the last came to."""
+    """A population that this process holds: its state after ``round`` rounds, and the result of the last one."""
 
     round: int
     loop: Any
@@ -88,92 +101,93 @@ class _Held:
 
 
 class Worker:
-    """Holds populations and takes them further. Programs are compiled once for all that are alike."""
+    """Holds populations and trains them. Populations that are alike share a compiled program."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._programs: dict[str, tuple[Population, PopulationEvaluator]] = {}
         self._held: dict[str, _Held] = {}
 
-    def advance(self, unit: PopulationJob, round: int, fills: list[SlotFill]) -> Round:
+    def advance(self, job: PopulationJob, round: int, fills: list[SlotFill]) -> Round:
         """Round number ``round`` of a population, from 0. fills: all so far, those of this round included.
 
-        Asked again, it answers again. UserError: the device's memory is too small, a checkpoint can't be written.
+        The same call again gives the same result. UserError: the device's memory is too small, a checkpoint can't be
+        written.
         """
-        self.prepare([unit])
-        held = self._held.get(unit.name)
+        self.prepare([job])
+        held = self._held.get(job.name)
         if held is None or held.round > round + 1:
-            self._held.pop(unit.name, None)
-            held = self._held[unit.name] = self._take_up(unit, round, fills)
+            self._held.pop(job.name, None)
+            held = self._held[job.name] = self._restore(job, round, fills)
         while held.round <= round:
-            self._play(unit, held, fills)
+            self._play(job, held, fills)
         assert held.last is not None
         return held.last
 
-    def prepare(self, units: list[PopulationJob]):
-        """Compile what populations need, unless that is done: beside each other, where there are cores for it.
+    def prepare(self, jobs: list[PopulationJob]) -> None:
+        """Compile the programs of populations that have none yet, in parallel.
 
-        UserError: memory is too small for those of them that aren't held yet.
+        UserError: memory is too small for the populations that aren't held yet.
         """
-        programs = [self._program(unit) for unit in {unit.program(): unit for unit in units}.values()]
+        programs = [self._program(job) for job in {job.program(): job for job in jobs}.values()]
         with concurrent.futures.ThreadPoolExecutor() as pool:
             list(pool.map(lambda part: part.compile(), [part for program in programs for part in program]))
-        new = [self._program(unit) for unit in units if unit.name not in self._held]
+        new = [self._program(job) for job in jobs if job.name not in self._held]
         if new:
             # One population trains at a time, and is judged when it doesn't.
             beside = sum(population.bytes_held for population, _ in new[1:])
             judging = max(0, new[0][1].bytes_needed - (new[0][0].bytes_needed - new[0][0].bytes_held))
             new[0][0].check_memory("members", beside + judging, len(new))
 
-    def forget(self, name):
+    def forget(self, name: str) -> None:
         """Free the memory of a population that is done."""
         self._held.pop(name, None)
 
-    def _program(self, unit):
-        key = unit.program()
+    def _program(self, job: PopulationJob) -> tuple[Population, PopulationEvaluator]:
+        key = job.program()
         if key not in self._programs:
-            config, agent = unit.config, make_agent(unit.config)
-            own = tuple(name.rpartition(".")[2] for name in unit.floats if name.startswith("world."))
-            population = Population(config, agent, unit.members, own)
+            config, agent = job.config, make_agent(job.config)
+            own = tuple(name.rpartition(".")[2] for name in job.floats if name.startswith("world."))
+            population = Population(config, agent, job.members, own)
             judge = PopulationEvaluator(
-                population.world, config.world.params, agent, unit.episodes, population.policy_shapes()
+                population.world, config.world.params, agent, job.episodes, population.policy_shapes()
             )
             self._programs[key] = population, judge
         return self._programs[key]
 
-    def _take_up(self, unit, round, fills):
+    def _restore(self, job: PopulationJob, round: int, fills: list[SlotFill]) -> _Held:
         """The population after the last checkpoint that is not ahead of ``round``, or at its start."""
-        population, _ = self._program(unit)
-        folder = pathlib.Path(unit.folder)
+        population, _ = self._program(job)
+        folder = pathlib.Path(job.folder)
         if folder.is_dir():
             checkpoints = Checkpoints(folder)
             saved = checkpoints.latest_step()
             if saved is not None and saved <= round + 1:
-                like = jax.eval_shape(lambda: population.start(range(unit.members), unit.config.hyper))
-                loop, meta = checkpoints.restore(like, _identity(unit, fills, saved))
+                like = jax.eval_shape(lambda: population.start(range(job.members), job.config.hyper))
+                loop, meta = checkpoints.restore(like, _identity(job, fills, saved))
                 last = Round(**meta["last"])
                 return _Held(saved, loop, tuple(meta["broken"]), last, time.monotonic())
-        loop = population.start(range(unit.members), unit.config.hyper)
-        return _Held(0, loop, (None,) * unit.members, None, time.monotonic())
+        loop = population.start(range(job.members), job.config.hyper)
+        return _Held(0, loop, (None,) * job.members, None, time.monotonic())
 
-    def _play(self, unit, held, fills):
-        """One round more."""
-        population, judge = self._program(unit)
+    def _play(self, job: PopulationJob, held: _Held, fills: list[SlotFill]) -> None:
+        """Train one more round."""
+        population, judge = self._program(job)
         began = time.monotonic()
         before = [fill for fill in fills if fill.round <= held.round]
-        hyper, own, since, seeds = _floats(unit, before)
+        hyper, own, since, seeds = _floats(job, before)
         new = [fill.slot for fill in before if fill.round == held.round]
-        slots = np.isin(np.arange(unit.members), new)
+        slots = np.isin(np.arange(job.members), new)
         loop = population.refill(held.loop, slots, seeds, hyper) if slots.any() else held.loop
         broken = tuple(None if slots[i] else step for i, step in enumerate(held.broken))
         lines = []
         loop, trained = population.train(
-            loop, hyper, (held.round + 1) * unit.round_steps, lambda steps, metrics: lines.append(metrics), broken,
+            loop, hyper, (held.round + 1) * job.round_steps, lambda steps, metrics: lines.append(metrics), broken,
             own, since,
         )  # fmt: skip
-        scenes = judge(trained.policies, unit.seed, unit.phrases)
+        scenes = judge(trained.policies, job.seed, job.phrases)
         losses = [
             {name: float(np.mean([line[name][i] for line in lines])) for name in LOSSES if name in lines[0]}
-            for i in range(unit.members)
+            for i in range(job.members)
         ]
         held.round, held.loop, held.broken = held.round + 1, loop, trained.broken
         held.last = Round(
@@ -183,34 +197,32 @@ class Worker:
             seconds=time.monotonic() - began,
             device=jax.devices()[0].device_kind,
         )
-        if time.monotonic() - held.saved >= unit.config.train.checkpoint_seconds:
+        if time.monotonic() - held.saved >= job.config.train.checkpoint_seconds:
             meta = {
-                "config": _identity(unit, fills, held.round), "broken": list(held.broken),
+                "config": _identity(job, fills, held.round), "broken": list(held.broken),
                 "last": dataclasses.asdict(held.last),
             }  # fmt: skip
-            Checkpoints(pathlib.Path(unit.folder)).save(held.round, loop, meta)
+            Checkpoints(pathlib.Path(job.folder)).save(held.round, loop, meta)
             held.saved = time.monotonic()
 
 
-def _identity(unit, fills, rounds):
-    """What a checkpoint after so many rounds is of, as JSON: the program, and who was there."""
+def _identity(job: PopulationJob, fills: list[SlotFill], rounds: int) -> dict[str, Any]:
+    """The identity of a checkpoint after so many rounds, as JSON: the program and the learners so far."""
     there = [dataclasses.asdict(fill) for fill in fills if fill.round < rounds]
     digest = hashlib.sha256(json.dumps(there, sort_keys=True).encode()).hexdigest()
-    return {"population": unit.name, "program": json.loads(unit.program()), "trials": digest}
+    return {"population": job.name, "program": json.loads(job.program()), "trials": digest}
 
 
-def _floats(unit, fills):
-    """(`HSACHyperparameters` `[members]`, the world's floats `[members]`, counters at their start, seeds) of the slots."""
+def _floats(job: PopulationJob, fills: list[SlotFill]) -> tuple[Any, dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """(`HSACHyperparameters` `[members]`, the world's floats `[members]`, steps at their start, seeds) of the slots."""
     latest = {fill.slot: fill for fill in fills}  # in order of their rounds: the last counts
-    columns = {
-        name: np.full(unit.members, get(unit.config, name), np.float32) for name in unit.floats
-    }  # fmt: skip
-    since, seeds = np.zeros(unit.members, np.int32), np.arange(unit.members, dtype=np.uint32)
+    columns = {name: np.full(job.members, get(job.config, name), np.float32) for name in job.floats}
+    since, seeds = np.zeros(job.members, np.int32), np.arange(job.members, dtype=np.uint32)
     for slot, fill in latest.items():
-        since[slot], seeds[slot] = fill.round * unit.round_steps, fill.seed
-        for name in unit.floats:
+        since[slot], seeds[slot] = fill.round * job.round_steps, fill.seed
+        for name in job.floats:
             columns[name][slot] = fill.values[name]
-    hyper = unit.config.hyper.replace(
+    hyper = job.config.hyper.replace(
         **{name.rpartition(".")[2]: column for name, column in columns.items() if name.startswith("hyper.")}
     )
     own = {name.rpartition(".")[2]: column for name, column in columns.items() if name.startswith("world.")}

@@ -346,7 +346,7 @@ def test_it_stands_for_who_asks_it_to(drive):
         navigator.policy.understand = lambda words: (np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
         command = navigator.step(scan, people, (0.0, 0.0, 0.0), np.full(185, 0.1), now=0.0)
         assert (command[:2] == (0.0, 0.0)) == stands and command.utterance
-        assert ("asked it to stop" in navigator.reason) == stands
+        assert ("promised somebody to stop" in navigator.reason) == stands
     speeds = [navigator.step(scan._replace(), people, (0.0, 0.0, 0.0), now=0.4 * i).v for i in range(1, 25)]
     assert max(speeds[:18]) == 0.0 and min(speeds[20:]) > 0.0
 

@@ -42,18 +42,18 @@ class MadeUp:
     """An engine whose trials succeed as values and seed say, a little more each round; a rate above 5e-3 breaks."""
 
     def __init__(self):
-        self.rounds = []  # (unit, round, numbers of fills) as they were asked for
+        self.rounds = []  # (job, round, numbers of fills) as they were asked for
 
-    def advance(self, jobs, done=lambda: None):
+    def advance(self, tasks, done=lambda: None):
         found = []
-        for unit, round, fills in jobs:
-            self.rounds.append((unit.name, round, len(fills)))
+        for job, round, fills in tasks:
+            self.rounds.append((job.name, round, len(fills)))
             latest = {fill.slot: fill for fill in fills if fill.round <= round}
-            there = [latest.get(slot) for slot in range(unit.members)]
+            there = [latest.get(slot) for slot in range(job.members)]
             found.append(
                 Round(
-                    scenes=[{"square": {"success": success(unit, fill, round)}} for fill in there],
-                    losses=[{"critic_loss": 1.0}] * unit.members,
+                    scenes=[{"square": {"success": success(job, fill, round)}} for fill in there],
+                    losses=[{"critic_loss": 1.0}] * job.members,
                     broken=[fill is not None and broken(fill, round) for fill in there],
                     seconds=3.0,
                     device="made up",
@@ -69,10 +69,10 @@ class MadeUp:
         pass
 
 
-def success(unit, fill, round):
+def success(job, fill, round):
     if fill is None:
         return 0.0
-    far = abs(np.log10(fill.values["hyper.actor_lr"]) + 3.0) + 0.1 * unit.config.agent.updates_per_step
+    far = abs(np.log10(fill.values["hyper.actor_lr"]) + 3.0) + 0.1 * job.config.agent.updates_per_step
     luck = np.random.default_rng(fill.seed).uniform(0, 0.1)
     return float(np.clip(0.3 + 0.2 * (round - fill.round + 1) - 0.2 * far + luck, 0, 1))
 

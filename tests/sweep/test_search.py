@@ -190,7 +190,7 @@ def test_a_sweep_may_go_on_as_a_larger_or_smaller_one(tmp_path, tiny_sweep, made
     for phase in PHASES:
         study = store.open(phase, sweep)
         for trial, place in zip(study.trials(), study.places().values(), strict=True):
-            assert f"updates_per_step={trial.values['agent.updates_per_step']}-" in place.unit
+            assert f"updates_per_step={trial.values['agent.updates_per_step']}-" in place.population
     assert summarise(results)["missing"] == []
 
 
@@ -200,6 +200,6 @@ def test_a_sweep_can_be_given_more_trials(tmp_path, tiny_sweep, made_up):
     assert key(more)["search"][:6] == key(few)["search"]
     assert len(more.phases["search"]) == 11 and all(t.state != "running" for t in more.phases["search"])
     # A population goes on from the round that it had come to: none is played twice, none left out.
-    for unit in {name for name, _, _ in made_up.rounds}:
-        rounds = [round for name, round, _ in made_up.rounds if name == unit]
+    for population in {name for name, _, _ in made_up.rounds}:
+        rounds = [round for name, round, _ in made_up.rounds if name == population]
         assert rounds == list(range(len(rounds)))

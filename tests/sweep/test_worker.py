@@ -10,7 +10,7 @@ from jaxnav.sweep import phases
 from jaxnav.sweep.worker import SlotFill, Worker
 
 
-def unit(sweep, folder):
+def job_of(sweep, folder):
     (found, _), *_ = phases.populations(sweep, folder, "search", sweep.base, [{}], 1, 0, "validation")
     return found
 
@@ -26,9 +26,9 @@ def plain(round):
 
 @pytest.fixture(scope="module")
 def played(tiny_sweep, tmp_path_factory):
-    """(sweep, unit, fills, worker, its rounds): two trials begin, one takes the place of the second before the last."""
+    """(sweep, job, fills, worker, its rounds): two trials begin, one takes the place of the second before the last."""
     sweep = tiny_sweep(sizes={}, rungs=(5, 10), members=2)
-    where = unit(sweep, tmp_path_factory.mktemp("worker"))
+    where = job_of(sweep, tmp_path_factory.mktemp("worker"))
     fills = [fill(sweep, 0, 0, 1e-3), fill(sweep, 0, 1, 3e-3), fill(sweep, 2, 1, 2e-3)]
     worker = Worker()
     rounds = [worker.advance(where, i, [f for f in fills if f.round <= i]) for i in range(3)]
@@ -70,7 +70,7 @@ def test_a_population_may_go_on_in_another_size(played, tmp_path, tiny_sweep):
     """In a folder of its own: checkpoints of the other size aren't in its way, nor is how often they are made."""
     _, where, *_ = played
     sweep = tiny_sweep(sizes={}, rungs=(5, 10), members=3)
-    assert unit(sweep, tmp_path).folder != unit(dataclasses.replace(sweep, members=2), tmp_path).folder
+    assert job_of(sweep, tmp_path).folder != job_of(dataclasses.replace(sweep, members=2), tmp_path).folder
     train = dataclasses.replace(where.config.train, checkpoint_seconds=9.0)
     rarer = dataclasses.replace(where, config=dataclasses.replace(where.config, train=train))
     assert rarer.program() == where.program()
@@ -79,15 +79,15 @@ def test_a_population_may_go_on_in_another_size(played, tmp_path, tiny_sweep):
 def test_memory_for_all_populations_is_asked_for_at_once(played, tmp_path, monkeypatch):
     _, where, _, worker, _ = played
     population, _ = worker._programs[where.program()]
-    units = [dataclasses.replace(where, name=name, folder=str(tmp_path)) for name in "abc"]
+    jobs = [dataclasses.replace(where, name=name, folder=str(tmp_path)) for name in "abc"]
     fresh = Worker()
     fresh._programs = worker._programs
     monkeypatch.setattr(
         "jaxnav.training.population.free_memory", lambda: population.bytes_needed + population.bytes_held
     )
     with pytest.raises(UserError, match=r"members is 2: 3 populations of 2 members need .*: at most 1 fit"):
-        fresh.prepare(units)
-    fresh.prepare(units[:1])
+        fresh.prepare(jobs)
+    fresh.prepare(jobs[:1])
 
 
 def test_a_checkpoint_of_other_trials_is_refused(played):

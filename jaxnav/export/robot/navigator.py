@@ -15,6 +15,7 @@ import time
 import numpy as np
 import torch
 from bundle import HERE
+from conversation import Conversation
 from people import People
 from policy import Policy
 from safety import SafetyLayer
@@ -23,13 +24,9 @@ from scans import LaserInput, Mount, Scan, Unusable, finite
 __all__ = ["Command", "Mount", "Navigator", "Scan"]
 
 Command = collections.namedtuple("Command", "v w request utterance")
-Command.__doc__ = """What the robot does now. v: m/s; w: rad/s, to the left; request: what it asks of the nearest person, 0
-nothing; utterance: the sentence to speak, "" for none."""
+Command.__doc__ = """v: m/s; w: rad/s, to the left; request: what it asks of the nearest person, 0 nothing;
+utterance: the sentence to speak, "" for none."""
 
-_UNSURE = 0.4  # between the two likeliest meanings: below it the robot asks to repeat
-_ANSWERS = 0.5  # probability from which on an answer counts as one
-_ASIDE = 0.15  # m between the bodies when a person walks by a robot that stands for them
-_UNHEARD = 4  # messages and one more are kept until they can be heard
 _FAR = 1e6  # m: poses and goals are nearer
 _WITHIN = 500.0  # m, m/s: people and the goal are nearer to the robot, and slower
 _JUMP = 2.0, 5.0  # m, and m/s: by more than this a pose does not move, it is another one
@@ -56,12 +53,10 @@ class Navigator(object):
         self.policy = Policy(bundle)
         self.contract = self.policy.contract
         self._control, self._timeout = self.contract["control"], self.contract["safety"]["timeout"]
-        self._language = self.contract["language"]
         self._laser = LaserInput(self.contract["laser"], mount)
-        self._aside = self.contract["robot"]["radius"] + self.contract["people"]["radius"] + _ASIDE
+        self._conversation = Conversation(self.contract, self.policy)
         self._safety = SafetyLayer(self.contract, radius, deceleration, gap) if safety else None
-        self._goal, self._now, self._turn = None, None, 0
-        self._scan_since, self._unheard = (None, 0.0), []
+        self._goal, self._now, self._scan_since = None, None, (None, 0.0)
         self.steps, self.interventions, self.ranges = 0, 0, None
         self._start_over()
         self.arrived, self.reason = False, ""
@@ -71,7 +66,8 @@ class Navigator(object):
         found = finite(goal, (2,), _FAR)
         self._goal = None if found is None else found.tolist()
         self._start_over()
-        self._unheard, self.arrived, self.reason = [], False, ""
+        self._conversation.forget()
+        self.arrived, self.reason = False, ""
         if found is None:
             raise ValueError("goal is %.40r: give (x, y), m, two finite numbers in the frame of the poses" % (goal,))
 
@@ -97,9 +93,7 @@ class Navigator(object):
             return self._stop("internal error: %r" % error)
 
     def _step(self, scan, pedestrians, pose, message, stamp, now):
-        message = self._message(message)
-        if message is not None:
-            self._unheard = [*self._unheard[-_UNHEARD:], message]
+        self._conversation.keep(message)
         now, age = self._time(now, stamp, scan)
         if self._goal is None:
             raise Unusable("no goal was set: call reset(goal)")
@@ -114,19 +108,13 @@ class Navigator(object):
         self._people.follow(people, pose, now)
         if beats:
             self._people.advance(beats, self._twist[0])
-        said = ""
-        while self._unheard:
-            said = self._hear(*self._unheard.pop(0)) or said
+        said = self._conversation.listen(self._people, beats)
         decision = self.policy.act(self._observation(now, voice=beats > 0))
         v, w = self._within_limits(decision)
         if decision.request != 0:
-            self._people.ask(decision.request)
-            said = self._sentence("request", self.contract["requests"][decision.request]["name"])
+            said = self._conversation.ask(self._people, decision.request)
         self.steps += 1
-        self.reason = ""
-        if self._people.asks_to_stop(self._aside):
-            v = w = 0.0
-            self.reason = "stands: somebody asked it to stop"
+        v, w, self.reason = self._conversation.limit(self._people, v, w)
         slower = v if self._safety is None else self._safety(v, w, points, age, self._laser.blind)
         if slower < v:
             self.interventions += 1
@@ -139,6 +127,7 @@ class Navigator(object):
         self._people = People(self.contract)
         self._poses, self._start = collections.deque(), None
         self._beat, self._twist = 0, (0.0, 0.0)
+        self._conversation.calm_down()
 
     def _stop(self, reason):
         self._twist, self.reason = (0.0, 0.0), reason
@@ -233,68 +222,6 @@ class Navigator(object):
         if not (math.isfinite(decision.v) and math.isfinite(decision.w)):
             raise Unusable("the network gave %r m/s, %r rad/s" % (decision.v, decision.w))
         return min(max(decision.v, 0.0), self._control["max_v"]), min(max(decision.w, -turn), turn)
-
-    def _message(self, message):
-        """None, or (vector or None, name or None). Unusable: it is neither."""
-        if message is None:
-            return None
-        if isinstance(message, str) and message == "unknown":
-            return None, message
-        if not self.contract["hearing"]:
-            raise Unusable("message is given, but this policy was trained deaf: give None")
-        if self._language is None:
-            names = self.contract["messages"][1:] + self.contract["replies"][1:]
-            if not isinstance(message, str) or message not in names:
-                raise Unusable("message %.40r is unknown: give one of %s" % (message, ", ".join(names)))
-            return None, message
-        words = finite(message, (self._language["dimensions"],), 10.0)
-        if words is None:
-            raise Unusable(
-                "message is no vector of %d finite numbers: give what Phrasebook().look_up(text) returns, None for "
-                'silence, or "unknown"' % self._language["dimensions"]
-            )
-        return (words.astype(np.float32), None) if words.any() else None
-
-    def _hear(self, words, name):
-        """Take in what somebody says. Returns what the robot says to that."""
-        if name == "unknown":
-            return self._sentence("repeat")
-        message, reply, unsure = self._understand(words) if name is None else self._meaning(name)
-        asked = self._people.who_owes_a_reply()
-        if reply != 0 and asked is not None:
-            asked.reply = reply
-            return self._sentence("reply", self.contract["replies"][reply])
-        if words is None and message == 0:
-            return ""  # an answer to nothing
-        if unsure:  # what may have been meant is not taken for said
-            return self._sentence("repeat")
-        speaker = self._people.speaker()
-        if message == 0:
-            speaker.chat(words)
-            return ""
-        speaker.speak(message, words)
-        return self._sentence("acknowledge", self.contract["messages"][message])
-
-    def _understand(self, words):
-        """(message, reply, whether it is unsure) of a vector."""
-        heard, answer = self.policy.understand(words)
-        meanings = np.append(1.0 - heard.sum(), heard)
-        second, first = np.sort(meanings)[-2:]
-        reply = int(answer.argmax())
-        return int(meanings.argmax()), reply if answer[reply] > _ANSWERS else 0, bool(first - second < _UNSURE)
-
-    def _meaning(self, name):
-        if name in self.contract["replies"]:
-            return 0, self.contract["replies"].index(name), False
-        return self.contract["messages"].index(name), 0, False
-
-    def _sentence(self, *path):
-        """One of the contract's sentences, in turns."""
-        choices = self.contract["sentences"]
-        for name in path:
-            choices = choices[name]
-        self._turn += 1
-        return choices[self._turn % len(choices)]
 
 
 def _wrapped(angle):

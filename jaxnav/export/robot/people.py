@@ -7,12 +7,11 @@ the person has gone away; who speaks first in it, what is asked and answered is 
 import math
 
 import numpy as np
+from dialogue_rules import speaker, stands, walks_into
 
 _ASSOCIATE = 0.6  # m around where a person should be by now, in which it may be found again
 _FORGET = 3.0  # s after which a person who is no longer seen is forgotten
-_STOP = 1  # the message
-_WAITS = 20  # periods for which the robot stands for somebody who asked it to
-_STANDING = 0.1  # m/s below which a person stands
+_STOP, _REFUSES = 1, 2  # the message, the reply
 _MOST = 50  # people who are followed, the nearest
 _OLDEST = 1000  # periods: the policy doesn't tell ages of more than ten apart
 _WALKING_SPEED = 0.5  # m/s at which a dialogue opens at exactly the contract's distance
@@ -35,7 +34,7 @@ class Person:
         """End the dialogue."""
         self.is_open = self.first = self.fleeting = False
         self.message, self.words = 0, self._silence
-        self.message_age = self.request = self.request_age = self.reply = 0
+        self.message_age = self.request = self.request_age = self.reply = self.reply_age = 0
 
     def speak(self, message, words):
         """They ask the robot for ``message``, in these words: the dialogue is open, and it is they who spoke first."""
@@ -43,14 +42,9 @@ class Person:
         self.met = self.is_open = self.first = True
         self.message, self.words, self.grown = message, self._silence if words is None else words, 0
 
-    def walks_at(self, x, y, clearance):
-        """Whether they walk, and past (x, y) within that clearance if they walk straight on."""
-        speed = math.hypot(self.vx, self.vy)
-        if not self.placed or speed < _STANDING:
-            return False
-        dx, dy = x - self.x, y - self.y
-        ahead = dx * self.vx + dy * self.vy > 0
-        return ahead and abs(dx * self.vy - dy * self.vx) / speed < clearance
+    def answer(self, reply):
+        """They agree to what they were asked for, or refuse."""
+        self.reply, self.reply_age = reply, 0
 
     def chat(self, words):
         """They say something that asks for nothing. What they asked for before still holds."""
@@ -71,7 +65,8 @@ class People:
 
     def __init__(self, contract):
         self._gate, self._max_v = contract["encounter"], contract["control"]["max_v"]
-        self._nearest = contract["people"]["nearest"]
+        self._nearest, self._rules = contract["people"]["nearest"], contract["dialogue"]
+        self._clearance = contract["robot"]["radius"] + contract["people"]["radius"] + self._rules["stand_gap"]
         self._dimensions = 0 if contract["language"] is None else contract["language"]["dimensions"]
         self._people, self._now, self._pose = [], 0.0, (0.0, 0.0, 0.0)
 
@@ -116,6 +111,7 @@ class People:
                 person.words, person.fleeting = 0.0 * person.words, False
             person.message_age = min(person.message_age + beats, _OLDEST) if person.message else 0
             person.request_age = min(person.request_age + beats, _OLDEST) if person.request else 0
+            person.reply_age = min(person.reply_age + beats, _OLDEST) if person.reply else 0
             if not person.placed:
                 continue
             distance = self._away(person)
@@ -128,20 +124,22 @@ class People:
                 person.grown = 0
 
     def speaker(self):
-        """Who it is that has spoken: the nearest in dialogue, first of those with whom nothing has been said yet; else
-        the nearest; else somebody not yet seen."""
-        talking = [person for person in self._people if person.is_open]
-        for among in ([person for person in talking if person.may_be_asked], talking, self._people):
-            if among:
-                return min(among, key=self._away)
+        """The person who is taken for the speaker of what was just said; somebody not yet seen where nobody is near."""
+        found = speaker([(self._away(p), p.is_open, p.may_be_asked) for p in self._people])
+        if found is not None:
+            return self._people[found]
         person = self._somebody_new()
         person.seen_at = self._now
         return person
 
-    def asks_to_stop(self, clearance):
-        """Whether somebody asked the robot to stop a short while ago, and nobody who did walks into it if it does."""
-        asked = [p for p in self._people if p.is_open and p.message == _STOP and p.message_age < _WAITS]
-        return bool(asked) and not any(p.walks_at(self._pose[0], self._pose[1], clearance) for p in asked)
+    def are_stood_for(self):
+        """Whether the robot has promised somebody to stop, and may."""
+        promises = [
+            (p.message_age if p.message == _STOP else p.reply_age, p.placed and self._walks_into(p))
+            for p in self._people
+            if p.is_open and (p.message == _STOP or p.reply == _REFUSES)
+        ]
+        return stands(promises, self._rules)
 
     def who_owes_a_reply(self):
         """The nearest who was asked for something and has not answered, None if nobody was."""
@@ -191,6 +189,9 @@ class People:
 
     def _away(self, person):
         return math.hypot(person.x - self._pose[0], person.y - self._pose[1]) if person.placed else math.inf
+
+    def _walks_into(self, person):
+        return walks_into((person.x, person.y, person.vx, person.vy), self._pose[:2], self._clearance, self._rules)
 
     def _closest(self, people):
         return min(people, key=self._away, default=None)

@@ -19,7 +19,9 @@ class Phrasebook:
     def __init__(self, bundle=HERE):
         contract = load_contract(bundle)
         if contract["language"] is None:
-            raise BundleError("this policy hears messages by name, no words: give Navigator.step one of its messages by name")
+            raise BundleError(
+                "this policy hears messages by name, no words: give Navigator.step one of its messages by name"
+            )
         self.dimensions = contract["language"]["dimensions"]
         self._table = load_arrays(bundle, contract, "embeddings.npz")
         text = read_file(bundle, contract, "phrases.csv").decode("utf-8")

@@ -1,4 +1,4 @@
-"""A trained policy in plain PyTorch (1.8 or newer) and numpy: raw sensor numbers go in, m/s, rad/s and a request come out.
+"""A trained policy in plain PyTorch (1.8 or newer) and numpy: raw sensor numbers in, m/s, rad/s and a request out.
 
     python3 policy.py --selftest                  replays golden.npz, the recorded inputs and outputs
     python3 policy.py --torchscript policy.pt     writes the network as TorchScript (torch 1.10 or older)
@@ -21,9 +21,15 @@ from torch import nn
 
 TOLERANCE = 1e-5  # the most by which outputs may differ from the recorded ones
 Decision = collections.namedtuple("Decision", "v w request log_p heard answer")
-Decision.__doc__ = """What the policy does. v: m/s; w: rad/s, to the left; request: what it asks of people, 0 nothing;
-log_p: [requests] log-probabilities of the requests; heard: [K, 3] how likely each person is understood to have asked the
-robot to stop, to go right, to go left; answer: [K, 3] likewise that it answers nothing, agrees, refuses."""
+Decision.__doc__ = """The policy's decision.
+
+v:       m/s.
+w:       rad/s, to the left.
+request: what it asks of people, 0 nothing.
+log_p:   [requests] log-probabilities of the requests.
+heard:   [K, 3] probabilities that a person asked the robot to stop, to go right, to go left.
+answer:  [K, 3] probabilities that a person answers nothing, agrees, refuses.
+"""
 
 
 # The network. Every function takes ``x``, a dict of float32 tensors with a batch axis in front; K people.
@@ -197,8 +203,8 @@ class Listener(nn.Module):
 
 
 class Actor(nn.Module):
-    """The network: tensors in the order of ``inputs``, each [B, ...], -> (v [B], w [B], request [B], log_p [B, requests],
-    heard [B, K, 3], answer [B, K, 3])."""
+    """The network: tensors in the order of ``inputs``, each [B, ...], -> (v [B], w [B], request [B],
+    log_p [B, requests], heard [B, K, 3], answer [B, K, 3])."""
 
     def __init__(self, sizes):
         super().__init__()
@@ -337,7 +343,7 @@ class Policy:
 
 
 def golden_error(policy, golden, outputs=None):
-    """(largest error, number of requests that differ) of outputs, by default the policy's own, from the recorded ones."""
+    """(largest error, number of differing requests) of outputs, by default the policy's own, from the recorded ones."""
     if outputs is None:
         outputs = [tensor.numpy() for tensor in policy.actor(*policy.tensors(golden))]
     found = dict(zip(Decision._fields, outputs))
