@@ -32,7 +32,6 @@ _EIGHT, _APPROACH = {"nearest": 8}, {"encoder": "lidar-approach"}
 VARIANTS = {
     UNCHANGED: Variant("as the tables train it for 256,000 steps", {}, {}),
     "eight": Variant("all eight people observed, not the nearest four", _EIGHT, {}),
-    "twins-mean": Variant("the mean of the twins, not their minimum", {}, {"twins": "mean"}),
     "approach": Variant("the encoder lidar-approach", {}, _APPROACH),
     "approach-eight": Variant("lidar-approach, all eight observed", _EIGHT, _APPROACH),
     "approach-eight-twice": Variant("lidar-approach, all eight observed, twice the steps", _EIGHT, _APPROACH, 2),
@@ -47,7 +46,7 @@ class Options:
     no table is played with. A variant that the file holds already is not tried again.
 
     Args:
-        variants: those to try: unchanged, eight, twins-mean, approach, approach-eight, approach-eight-twice; all of
+        variants: those to try: unchanged, eight, approach, approach-eight, approach-eight-twice; all of
             them if none is named.
         seeds: robots of each, trained at once.
         episodes: played with each.

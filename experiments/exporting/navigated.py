@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnav.agents.networks import spoken_words
-from jaxnav.export.contract import RAW_PARTS, hears_phrases
+from jaxnav.agents.networks import message_words
+from jaxnav.export.contract import RAW_PARTS
 from jaxnav.language.table import default_table
 from jaxnav.training.evaluation import episode_keys
 from jaxnav.world import SCENES, Action, World
@@ -49,7 +49,7 @@ class Worlds:
 
         def look(state, spoken):
             seen = jax.vmap(world.observe, in_axes=(0, None))(state, run.params)
-            return seen, () if spoken is None else spoken_words(seen.dialogue, spoken)
+            return seen, () if spoken is None else message_words(seen.dialogue, spoken)
 
         self._look = jax.jit(look)
         self._step = jax.jit(jax.vmap(run.world.step, in_axes=(0, 0, 0, None)))
@@ -146,7 +146,7 @@ class _Voices:
     """What a `Navigator` hears of the people of one world: every message and answer once, when it is given."""
 
     def __init__(self, run, rng):
-        self._phrases, self._rng = hears_phrases(run.agent), rng
+        self._phrases, self._rng = run.agent.can_hear, rng
         self._queue, self._replies = collections.deque(), 0
 
     def next(self, heard):

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnav.agents.encoders import ENCODERS, PARTS
+from jaxnav.agents.encoders import ENCODERS
 from jaxnav.agents.hsac import HEADS, LANGUAGES
 from jaxnav.errors import UserError
 from jaxnav.export.bundle import write_bundle
@@ -41,7 +41,7 @@ def untrained(name):
     base = preset("quick", algo)
     agent = dataclasses.replace(base.agent, encoder=encoder, **sizes)
     params = base.world.params.replace(max_steps=float(_STEPS))
-    world = dataclasses.replace(base.world, observation=PARTS[encoder], pedestrians=3, params=params)
+    world = dataclasses.replace(base.world, observation=ENCODERS[encoder].reads, pedestrians=3, params=params)
     run = Run(resolve(dataclasses.replace(base, agent=agent, world=world, out="runs/exported/none")))
     return run, random_actor(run, _SEED)
 

@@ -2,9 +2,11 @@
 
 import dataclasses
 
-import jax.numpy as jnp
+from flax import struct
 
-from .ppo import PPO, RolloutConfig
+from .configs import RolloutConfig
+from .losses.ppo import policy_gradient
+from .ppo import PPO, PPOHyperparameters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -12,13 +14,17 @@ class A2CConfig(RolloutConfig):
     __doc__ = RolloutConfig.__doc__
 
 
+@struct.dataclass
+class A2CHyperparameters(PPOHyperparameters):
+    __doc__ = PPOHyperparameters.__doc__
+
+    average: float = 0.06  # it makes a sixth of PPO's updates: as long an average in steps of the world
+
+
 class A2C(PPO):
     """`PPO` with the plain policy gradient, and one step on all of a batch."""
 
+    policy_loss = staticmethod(policy_gradient)
+
     def __init__(self, config: A2CConfig = A2CConfig()):
         super().__init__(config)
-
-    def _actor_loss(self, log_density, part, hyper):
-        """-A log pi."""
-        del hyper
-        return -jnp.mean(log_density * part["advantage"])

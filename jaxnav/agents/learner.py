@@ -1,95 +1,40 @@
-"""What all learners share: sizes, what an update learns from, and the step of an optimiser.
+"""What a learner is, what it learns from, and the registry of learners.
 
-A learner is a bundle of pure functions of explicit state, with a static ``config`` (a `ReplayConfig` where it learns
-from replay), ``horizon``: how many steps of all episodes are played between two calls of its update, and ``replays``:
-whether it learns from replay or from these steps.
-
-init(key, observation, hyper) -> state
-act(key, state, observation, hyper) -> `Action`, to learn from
-policy(state) -> parameters of what is evaluated
-best_action(parameters, observation, voice, spoken) -> `Action`
-spoken(split) -> the `Vocabulary` that it is spoken to with, None if it hears codes
-update(key, state, batch, hyper, lr_scale, step) -> (state, metrics)
-
-Hybrid SAC alone has `answer`, told what was meant, and `understand`, which `jaxnav talk` and `jaxnav understand` use.
+A learner is a bundle of pure functions of explicit state. `register_learner` makes one known by a name.
 """
 
 import dataclasses
+import inspect
+from collections.abc import Callable
+from typing import Any, Protocol
 
-import chex
 import jax
 import jax.numpy as jnp
 import optax
 from flax import struct
 
-from ..world import Action, Snapshot
+from ..errors import UserError
+from ..language.vocabulary import Vocabulary
+from ..world import Action, Observation, Snapshot
 from ..world.types import NONE
-from .encoders import ENCODERS
+from .configs import LearnerConfig
 
-
-@dataclasses.dataclass(frozen=True)
-class LearnerConfig:
-    """Sizes of the networks: static under ``jit``.
-
-    Attributes:
-        encoder: how observations become features: lidar, lidar-approach (which is told when and how near each
-            pedestrian comes), grid (the paper's CNN) or grid-frozen (its weights random).
-        actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of each critic, or of the value network.
-    """
-
-    encoder: str = "lidar"
-    actor_widths: tuple[int, ...] = (128, 128)
-    critic_widths: tuple[int, ...] = (128, 128)
-
-    def __post_init__(self):
-        if self.encoder not in ENCODERS:
-            raise ValueError(f"agent.encoder {self.encoder!r} is unknown: choose from {', '.join(ENCODERS)}")
-        for name in ("actor_widths", "critic_widths"):
-            widths = getattr(self, name)
-            if not widths or any(width < 1 for width in widths):
-                raise ValueError(f"agent.{name} is {widths!r}: give at least one width, each at least 1")
-
-    def _check_whole(self, *names):
-        for name in names:
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"agent.{name} is {value!r}: give a whole number of at least 1")
-
-
-@dataclasses.dataclass(frozen=True)
-class ReplayConfig(LearnerConfig):
-    """Sizes of a learner that samples from replay.
-
-    Attributes:
-        batch: transitions an update.
-        updates_per_step: updates after each step of all episodes.
-        n_step: rewards that are summed before the critics are asked.
-        huber_delta: error at which the critic loss turns linear.
-        actor_every: updates of the critics for one of the actor.
-    """
-
-    batch: int = 512
-    updates_per_step: int = 4
-    n_step: int = 3
-    huber_delta: float = 2.0
-    actor_every: int = 1
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("batch", "updates_per_step", "n_step", "actor_every")
-        if not self.huber_delta > 0:
-            raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
-
-    def updates(self, steps):
-        """How many updates ``steps`` steps of all episodes make."""
-        return steps * self.updates_per_step
+Parameters = Any  # a pytree of arrays
 
 
 @struct.dataclass
 class Transition:
-    """snapshot, next_snapshot: before and after, the true last state of an episode included; twist `[2]`; request;
-    reward; terminated: True ends the return, a time-out does not; ended: either of the two."""
+    """A step as replay keeps it.
+
+    Attributes:
+        snapshot: before the step.
+        next_snapshot: after it, the true last state of an episode included.
+        twist: `[2]`.
+        request: what was asked.
+        reward: of the step.
+        terminated: ends the return; a time-out does not.
+        ended: terminated, or a time-out.
+    """
 
     snapshot: Snapshot
     next_snapshot: Snapshot
@@ -102,15 +47,21 @@ class Transition:
 
 @struct.dataclass
 class Batch:
-    """What an update learns from, `[batch, ...]`: transitions with their snapshots rendered.
+    """What an update learns from: `[batch, ...]` from replay, or `[horizon, episodes, ...]` of steps in a row.
 
-    Learners that use replay read: observation; next_observation, ``steps`` later; twist `[2]`, of its first step; request;
-    reward, the discounted sum over these steps; terminated. Those that do not have `[horizon, episodes, ...]` instead,
-    steps of 1, and also read ended.
+    Attributes:
+        observation: before the step.
+        next_observation: ``steps`` later.
+        twist: `[..., 2]` of the first step.
+        request: of the first step.
+        reward: the discounted sum over these steps.
+        terminated: whether the return ends with them; not by a time-out.
+        ended: terminated, or a time-out.
+        steps: how many rewards are summed; 1 of steps in a row.
     """
 
-    observation: chex.ArrayTree
-    next_observation: chex.ArrayTree
+    observation: Observation
+    next_observation: Observation
     twist: jax.Array
     request: jax.Array
     reward: jax.Array
@@ -119,15 +70,187 @@ class Batch:
     steps: jax.Array
 
 
+class Learner(Protocol):
+    """A bundle of pure functions of explicit state, and what others need to know of it.
+
+    Attributes:
+        config: its sizes.
+        replays: whether it learns from replay (its config is then a `ReplayConfig`) or from the steps just played.
+        horizon: steps of all episodes between two updates; 1 with replay.
+        requests: how many requests it chooses from; 1: it is silent.
+        can_ask: whether it may ask for something.
+        can_hear: whether it understands sentences; then it is a `HearingLearner`. Others hear the messages themselves.
+    """
+
+    config: Any
+    replays: bool
+    horizon: int
+    requests: int
+    can_ask: bool
+    can_hear: bool
+
+    def init(self, key: jax.Array, observation: Observation, hyper: Any) -> Any:
+        """The state before training, for observations shaped like ``observation`` (one, without a batch axis)."""
+        ...
+
+    def act(self, key: jax.Array, state: Any, observation: Observation, hyper: Any) -> Action:
+        """An action to learn from, for each observation `[..., ...]`."""
+        ...
+
+    def policy(self, state: Any) -> Parameters:
+        """The parameters that are evaluated."""
+        ...
+
+    def best_action(
+        self,
+        parameters: Parameters,
+        observation: Observation,
+        voice: jax.Array | bool = True,
+        vocabulary: Vocabulary | None = None,
+    ) -> Action:
+        """The action of these parameters; without ``voice`` the request is none.
+
+        vocabulary: from which the sentences of pedestrians are drawn; None: the learner's own, or none.
+        """
+        ...
+
+    def vocabulary(self, split: str) -> Vocabulary | None:
+        """The `Vocabulary` of a split of phrases; None if the learner can't hear sentences."""
+        ...
+
+    def update(
+        self, key: jax.Array, state: Any, batch: Batch, hyper: Any, lr_scale: jax.Array | float = 1.0,
+        step: jax.Array | int = 0,
+    ) -> tuple[Any, dict[str, jax.Array]]:  # fmt: skip
+        """(state, metrics) after learning from a batch.
+
+        lr_scale: multiplies every learning rate; step: how many updates came before.
+        """
+        ...
+
+
+class HearingLearner(Learner, Protocol):
+    """A learner that understands sentences."""
+
+    def answer(self, parameters: Parameters, observation: Observation, heard: jax.Array) -> Action:
+        """The best action of a robot that understands S_c ``heard`` `[K, 3]`, whatever the observation says."""
+        ...
+
+    def understand(self, parameters: Parameters, words: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Log-probabilities of message `[..., 4]` and reply `[..., 3]` of words `[..., D]`."""
+        ...
+
+
+class SilentLearner:
+    """The part that all learners share that only steer: they hear messages as codes, and ask for nothing."""
+
+    requests, can_ask, can_hear = 1, False, False
+
+    def best_twist(self, parameters: Parameters, observation: Observation) -> jax.Array:
+        """The twist `[..., 2]` of these parameters, in [-1, 1]."""
+        raise NotImplementedError
+
+    def best_action(
+        self,
+        parameters: Parameters,
+        observation: Observation,
+        voice: jax.Array | bool = True,
+        vocabulary: Vocabulary | None = None,
+    ) -> Action:
+        """See `Learner`."""
+        del voice, vocabulary
+        return silent(self.best_twist(parameters, observation))
+
+    def vocabulary(self, split: str) -> Vocabulary | None:
+        """See `Learner`."""
+        del split
+
+
+@dataclasses.dataclass(frozen=True)
+class RegisteredLearner:
+    """A learner by its name.
+
+    Attributes:
+        name: by which ``algo`` chooses it.
+        learner: config -> `Learner`.
+        config: the dataclass of its sizes, a `LearnerConfig`; its defaults are the learner's.
+        hyper: the flax.struct dataclass of its floats, with ``discount`` and ``final_lr`` among them.
+    """
+
+    name: str
+    learner: Callable[[Any], Learner]
+    config: type[LearnerConfig]
+    hyper: type
+
+    def make(self, config: LearnerConfig) -> Learner:
+        """The learner of these sizes. UserError: it lacks something that every learner has."""
+        learner = self.learner(config)
+        lacking = [name for name in _ATTRIBUTES if not hasattr(learner, name)]
+        if lacking:
+            raise UserError(
+                f"algo {self.name!r}: the learner has no {', '.join(lacking)}: see Learner in jaxnav.agents"
+            )
+        _check_methods(self.name, learner, 0)
+        return learner
+
+
+LEARNERS: dict[str, RegisteredLearner] = {}
+_ATTRIBUTES = ("config", "replays", "horizon", "requests", "can_ask", "can_hear")
+# Methods with the number of arguments that they are called with.
+_METHODS = {"init": 3, "act": 4, "policy": 1, "best_action": 4, "vocabulary": 1, "update": 6}
+
+
+def register_learner(
+    name: str, learner: Callable[[Any], Learner], config: type[LearnerConfig], hyper: type
+) -> RegisteredLearner:
+    """Make a learner known by a name.
+
+    UserError: the name is taken, a method is missing or takes other arguments, ``config`` is no `LearnerConfig`, or
+    ``hyper`` lacks ``discount`` or ``final_lr``, which the training loop reads.
+    """
+    if name in LEARNERS and LEARNERS[name].learner is not learner:
+        raise UserError(f"the learner {name!r} is registered already: choose another name")
+    if not (isinstance(config, type) and issubclass(config, LearnerConfig)):
+        raise UserError(f"the learner {name!r} has the config {config!r}: give a dataclass that extends LearnerConfig")
+    fields = {field.name for field in dataclasses.fields(hyper)} if dataclasses.is_dataclass(hyper) else set()
+    lacking = sorted({"discount", "final_lr"} - fields)
+    if lacking:
+        raise UserError(f"the hyperparameters of the learner {name!r} lack {', '.join(lacking)}: add these fields")
+    if isinstance(learner, type):
+        _check_methods(name, learner, 1)
+    LEARNERS[name] = RegisteredLearner(name, learner, config, hyper)
+    return LEARNERS[name]
+
+
+def find_learner(name: str) -> RegisteredLearner:
+    """The learner of that name. UserError: there is none."""
+    if name not in LEARNERS:
+        raise UserError(f"algo {name!r} is unknown: choose from {', '.join(LEARNERS)}")
+    return LEARNERS[name]
+
+
+def _check_methods(name, learner, own):
+    """UserError: a method is missing, or takes other arguments. own: 1 where ``self`` is one of them."""
+    for method, count in _METHODS.items():
+        function = getattr(learner, method, None)
+        if not callable(function):
+            raise UserError(f"the learner {name!r} has no method {method}: see Learner in jaxnav.agents")
+        try:
+            inspect.signature(function).bind(*(own + count) * [None])
+        except TypeError:
+            wanted = ", ".join(list(inspect.signature(getattr(Learner, method)).parameters)[1:])
+            raise UserError(f"the learner {name!r}: {method} has to take ({wanted})") from None
+
+
 # All parameters as one vector: less to trace and compile than a dozen operations for each of many leaves.
 ADAM = optax.flatten(optax.scale_by_adam())
 
 
-def descend(params, change, lr):
+def descend(params: Parameters, change: Parameters, lr: jax.Array | float) -> Parameters:
     """Parameters after a step of that learning rate, a traced number, against ``change``."""
     return jax.tree.map(lambda leaf, slope: leaf - lr * slope, params, change)
 
 
-def silent(twist):
-    """The action of a learner that steers with twist `[..., 2]` and can't speak."""
+def silent(twist: jax.Array) -> Action:
+    """The action of a robot that steers with twist `[..., 2]` and asks for nothing."""
     return Action(twist=twist, request=jnp.full(twist.shape[:-1], NONE, jnp.int32))

@@ -1,4 +1,4 @@
-"""Networks: what reads a sentence, and the actor and critics on top of an encoder."""
+"""Networks: one that reads a sentence, and the actor and critics on top of an encoder."""
 
 from collections.abc import Sequence
 
@@ -6,34 +6,38 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from ..world.types import MESSAGES, REPLIES, REQUESTS
-from .encoders import ENCODERS
+from ..language.vocabulary import Vocabulary
+from ..world.types import MESSAGES, REPLIES, REQUESTS, Observation, ObservedDialogue
+from .encoders import encode, find_encoder
 from .layers import MLP
 
 LOG_STD_RANGE = (-5.0, 0.0)
 
 
-def message_codes(dialogue):
+def message_codes(dialogue: ObservedDialogue | None) -> jax.Array:
     """The messages themselves as S_c `[..., K, 3]`: a one-hot of stop, right, left, and zero for silence."""
+    assert dialogue is not None  # every encoder reads it
     return jax.nn.one_hot(dialogue.message - 1, len(MESSAGES) - 1)
 
 
-def spoken_words(dialogue, vocabulary):
-    """What the pedestrians said, `[..., K, D]`: the one place where (message, utterance) becomes a vector."""
+def message_words(dialogue: ObservedDialogue | None, vocabulary: Vocabulary) -> jax.Array:
+    """The pedestrians' sentences `[..., K, D]`: the one place where (message, utterance) becomes a vector."""
+    assert dialogue is not None
     return vocabulary.look_up(dialogue.message.astype(jnp.int32), dialogue.utterance)
 
 
 class LangPreNet(nn.Module):
     """Words `[..., D]` -> log-probabilities of message `[..., 4]` and of reply `[..., 3]`.
 
-    It reads what is said without the side, decides whether the robot is asked to go to that side or to the other, and
-    only then learns which side it is: left and right can't be treated differently, and who names no side asks for none.
+    It reads a sentence without its side, decides whether the robot is asked to go to that side or to the other, and
+    only then learns which side it is: left and right can't be treated differently, and a sentence without a side asks
+    for none.
     """
 
     width: int = 96
 
     @nn.compact
-    def __call__(self, words):
+    def __call__(self, words: jax.Array) -> tuple[jax.Array, jax.Array]:
         said, side = words[..., :-1], words[..., -1]
         # Of order 1 each, as the initialisation expects.
         x = nn.relu(nn.Dense(self.width)(said * said.shape[-1] ** 0.5))
@@ -50,20 +54,19 @@ class Actor(nn.Module):
     `[..., requests]` of the request.
 
     With the language ``phrases`` words are read by `LangPreNet`, and its probabilities of stop, right and left are S_c.
-    Mean and log_std are `[..., 2]`, one twist for all requests; with ``per_request`` heads `[..., requests, 2]`, one for each.
-    ``mean_tanh`` passes the mean through tanh, as the paper's authors do: sampled twists are then squashed twice.
-    Parts that an algorithm doesn't call have no parameters.
+    Mean and log_std are `[..., 2]`, one twist for all requests; ``per_request``, one for each, `[..., requests, 2]`.
+    Parts that a learner doesn't call have no parameters.
     """
 
     encoder: str
     widths: Sequence[int]
+    encoder_widths: tuple[int, ...] = ()
     language: str = "codes"
     requests: int = len(REQUESTS)
     per_request: bool = False
-    mean_tanh: bool = False
 
-    def setup(self):
-        self.state_encoder = ENCODERS[self.encoder]()
+    def setup(self) -> None:
+        self.state_encoder = find_encoder(self.encoder).build(self.encoder_widths)
         self.body = MLP(self.widths)
         twists = self.requests if self.per_request else 1
         self.mean_head, self.log_std_head = nn.Dense(2 * twists), nn.Dense(2 * twists)
@@ -71,39 +74,41 @@ class Actor(nn.Module):
         if self.language == "phrases":
             self.language_pre_net = LangPreNet()
 
-    def __call__(self, observation, words):
+    def __call__(self, observation: Observation, words: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         return self.act(observation, self.listen(words))
 
-    def act(self, observation, heard):
-        """The same, of an S_c."""
-        x = self.body(self.state_encoder(observation, heard))
+    def act(self, observation: Observation, heard: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """The same, given an S_c."""
+        x = self._features(observation, heard)
         return *self._gaussian(x), self.request_head(x)
 
-    def steer(self, observation, heard):
+    def steer(self, observation: Observation, heard: jax.Array) -> jax.Array:
         """Mean `[..., 2]` alone."""
-        return self._twists(self.mean_head(self.body(self.state_encoder(observation, heard))))
+        return self._twists(self.mean_head(self._features(observation, heard)))
 
-    def gaussian(self, observation, heard):
+    def gaussian(self, observation: Observation, heard: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Mean and log_std `[..., 2]`, without a request."""
-        return self._gaussian(self.body(self.state_encoder(observation, heard)))
+        return self._gaussian(self._features(observation, heard))
+
+    def _features(self, observation, heard):
+        return self.body(encode(self.state_encoder, observation, heard))
 
     def _gaussian(self, x):
         mean, log_std = self._twists(self.mean_head(x)), self._twists(self.log_std_head(x))
         low, high = LOG_STD_RANGE
-        log_std = low + 0.5 * (high - low) * (jnp.tanh(log_std) + 1.0)
-        return jnp.tanh(mean) if self.mean_tanh else mean, log_std
+        return mean, low + 0.5 * (high - low) * (jnp.tanh(log_std) + 1.0)
 
     def _twists(self, x):
         return x.reshape(*x.shape[:-1], self.requests, 2) if self.per_request else x
 
-    def listen(self, words):
+    def listen(self, words: jax.Array) -> jax.Array:
         """S_c `[..., 3]` of words; silence, the zero vector, is zero."""
         if self.language == "codes":
             return words
         message, _ = self.language_pre_net(words)
         return jnp.exp(message[..., 1:]) * jnp.any(words != 0, axis=-1, keepdims=True)
 
-    def understand(self, words):
+    def understand(self, words: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Log-probabilities of message `[..., 4]` and reply `[..., 3]`; silence, the zero vector, is certain."""
         message, reply = self.language_pre_net(words)
         nothing = jnp.all(words == 0, axis=-1, keepdims=True)
@@ -114,20 +119,20 @@ class Actor(nn.Module):
 class TwinCritic(nn.Module):
     """(Observation, S_c `[..., K, 3]`, twist `[..., 2]`) -> Q of every request `[2, ..., outputs]`, estimated twice.
 
-    A twist for each request, `[..., requests, 2]`, gives `[2, ..., requests, outputs]`: the observation is encoded once.
+    A twist for each request, `[..., requests, 2]`, gives `[2, ..., requests, outputs]`: the observation enters once.
     """
 
     encoder: str
     widths: Sequence[int]
+    encoder_widths: tuple[int, ...] = ()
     outputs: int = len(REQUESTS)
-    norm: str = "layer"
 
     @nn.compact
-    def __call__(self, observation, heard, twist):
-        x = ENCODERS[self.encoder](norm=self.norm)(observation, heard)
+    def __call__(self, observation: Observation, heard: jax.Array, twist: jax.Array) -> jax.Array:
+        x = encode(find_encoder(self.encoder).build(self.encoder_widths), observation, heard)
         x = jnp.expand_dims(x, tuple(range(x.ndim - 1, twist.ndim - 1)))
         x = jnp.concatenate([jnp.broadcast_to(x, (*twist.shape[:-1], x.shape[-1])), twist], axis=-1)
-        return jnp.stack([nn.Dense(self.outputs)(MLP(self.widths, self.norm)(x)) for _ in range(2)])
+        return jnp.stack([nn.Dense(self.outputs)(MLP(self.widths)(x)) for _ in range(2)])
 
 
 class Value(nn.Module):
@@ -135,7 +140,9 @@ class Value(nn.Module):
 
     encoder: str
     widths: Sequence[int]
+    encoder_widths: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, observation, heard):
-        return nn.Dense(1)(MLP(self.widths)(ENCODERS[self.encoder]()(observation, heard)))[..., 0]
+    def __call__(self, observation: Observation, heard: jax.Array) -> jax.Array:
+        x = encode(find_encoder(self.encoder).build(self.encoder_widths), observation, heard)
+        return nn.Dense(1)(MLP(self.widths)(x))[..., 0]

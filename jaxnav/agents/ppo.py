@@ -1,10 +1,10 @@
-"""PPO: clipped policy gradient with generalised advantages (Schulman et al. 2017), and what A2C shares with it.
+"""PPO: clipped policy gradient with generalised advantages (Schulman et al. 2017). A2C is made of it.
 
 They steer and are silent.
 """
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any
 
 import chex
 import jax
@@ -12,31 +12,11 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
-from ..world import Action
-from .learner import ADAM, Batch, LearnerConfig, descend, silent
+from ..world import Action, Observation
+from .configs import RolloutConfig
+from .learner import ADAM, Batch, Parameters, SilentLearner, descend, silent
+from .losses.ppo import clipped_objective, gae, value_loss
 from .networks import LOG_STD_RANGE, Actor, Value, message_codes
-
-
-@dataclasses.dataclass(frozen=True)
-class RolloutConfig(LearnerConfig):
-    """Sizes of a learner that learns from what it has just played: static under ``jit``.
-
-    Attributes:
-        horizon: steps of all episodes that an update learns from; divides train.steps_per_chunk.
-    """
-
-    horizon: int = 5
-
-    epochs: ClassVar = 1
-    minibatches: ClassVar = 1
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("horizon", "epochs", "minibatches")
-
-    def updates(self, steps):
-        """How many updates ``steps`` steps of all episodes make."""
-        return steps // self.horizon * self.epochs * self.minibatches
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +24,6 @@ class PPOConfig(RolloutConfig):
     """Sizes of the learner: static under ``jit``.
 
     Attributes:
-        horizon: steps of all episodes that an update learns from; divides train.steps_per_chunk.
         epochs: how often each of them is used.
         minibatches: into how many parts they are split each time; divides horizon times train.episodes.
     """
@@ -52,6 +31,13 @@ class PPOConfig(RolloutConfig):
     horizon: int = 25
     epochs: int = 8
     minibatches: int = 4
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check_whole("epochs", "minibatches")
+
+    def updates(self, steps: int) -> int:
+        return super().updates(steps) * self.epochs * self.minibatches
 
 
 @struct.dataclass
@@ -87,7 +73,15 @@ class PPOHyperparameters:
 
 @struct.dataclass
 class PPOState:
-    """Parameters of actor, of its average, and of the value network, and the state of their optimisers."""
+    """What training changes.
+
+    Attributes:
+        actor: its parameters.
+        averaged: their running average, which is evaluated.
+        value: parameters of the value network.
+        actor_optimiser: the state of its optimiser.
+        value_optimiser: likewise.
+    """
 
     actor: chex.ArrayTree
     averaged: chex.ArrayTree
@@ -96,21 +90,23 @@ class PPOState:
     value_optimiser: chex.ArrayTree
 
 
-class PPO:
-    """The bundle of pure functions: `init`, `act`, `update`. Messages are heard as codes.
+class PPO(SilentLearner):
+    """The `Learner`: a bundle of pure functions. Messages are heard as codes.
 
     The twist is a Gaussian that the world clips: no tanh, so that its density is known wherever it falls.
     """
 
-    replays = False
+    replays, squash = False, "clip"
+    policy_loss = staticmethod(clipped_objective)
 
     def __init__(self, config: RolloutConfig = PPOConfig()):
         self.config = config
         self.horizon = config.horizon
-        self.actor_network = Actor(config.encoder, config.actor_widths)
-        self.value_network = Value(config.encoder, config.critic_widths)
+        self.epochs, self.minibatches = getattr(config, "epochs", 1), getattr(config, "minibatches", 1)
+        self.actor_network = Actor(config.encoder, config.actor_widths, config.encoder_widths)
+        self.value_network = Value(config.encoder, config.critic_widths, config.encoder_widths)
 
-    def init(self, key, observation, hyper: PPOHyperparameters) -> PPOState:
+    def init(self, key: jax.Array, observation: Observation, hyper: PPOHyperparameters) -> PPOState:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         key_actor, key_value = jax.random.split(key)
         heard = message_codes(observation.dialogue)
@@ -129,48 +125,49 @@ class PPO:
             value_optimiser=ADAM.init(value),
         )
 
-    def policy(self, learner: PPOState) -> chex.ArrayTree:
-        """The actor that is evaluated."""
-        return learner.averaged
+    def policy(self, state: PPOState) -> Parameters:
+        """The parameters of the averaged actor."""
+        return state.averaged
 
-    def act(self, key, learner: PPOState, observation, hyper: PPOHyperparameters) -> Action:
+    def act(self, key: jax.Array, state: PPOState, observation: Observation, hyper: PPOHyperparameters) -> Action:
         """Sample a twist, as yet unclipped, for each observation `[..., ...]`, and no request."""
         del hyper
-        mean, log_std = self._gaussian(learner.actor, observation)
-        twist = mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
-        return silent(twist)
+        mean, log_std = self.gaussian(state.actor, observation)
+        return silent(mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape))
 
-    def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
-        """The mean twist; it has no voice, and hears codes, whatever the ``vocabulary``."""
-        del voice, vocabulary
-        mean, _ = self._gaussian(actor, observation)
-        return silent(jnp.clip(mean, -1.0, 1.0))
+    def best_twist(self, parameters: Parameters, observation: Observation) -> jax.Array:
+        """The mean twist `[..., 2]`, clipped."""
+        mean, _ = self.gaussian(parameters, observation)
+        return jnp.clip(mean, -1.0, 1.0)
 
-    def vocabulary(self, split):
-        """None: this agent hears codes."""
-        del split
-
-    def update(self, key, state: PPOState, batch: Batch, hyper: PPOHyperparameters, lr_scale=1.0, step=0):
-        """``epochs`` passes over a batch of `[horizon, episodes]` steps in a row. Returns (state, metrics).
+    def update(
+        self, key: jax.Array, state: PPOState, batch: Batch, hyper: PPOHyperparameters,
+        lr_scale: jax.Array | float = 1.0, step: jax.Array | int = 0,
+    ) -> tuple[PPOState, dict[str, jax.Array]]:  # fmt: skip
+        """``epochs`` passes over a batch of `[horizon, episodes]` steps in a row.
 
         lr_scale: multiplies every rate.
         Raises ValueError: the steps can't be parted into ``minibatches`` of the same size.
         """
         del step
-        count, parts = batch.reward.size, self.config.minibatches
+        count, parts = batch.reward.size, self.minibatches
         if count % parts:
             raise ValueError(f"agent.minibatches is {parts}: give a divisor of the batch's {count} steps")
-        values, next_values = self._values(state.value, batch)
+        values, next_values = (
+            self.value(state.value, batch.observation),
+            self.value(state.value, batch.next_observation),
+        )
         advantages = gae(batch, values, next_values, hyper)
+        log_density, _ = self.log_density(state.actor, batch.observation, batch.twist)
         data = {
             "observation": batch.observation, "twist": batch.twist, "advantage": advantages,
-            "return": advantages + values, "log_density": self._log_density(state.actor, batch.observation, batch.twist)[0],
+            "return": advantages + values, "log_density": log_density,
         }  # fmt: skip
         data = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), data)
 
         def minibatch(state, rows):
             part = jax.tree.map(lambda leaf: leaf[rows], data)
-            (_, aux), gradient = jax.value_and_grad(self._loss, has_aux=True)((state.actor, state.value), part, hyper)
+            (_, aux), gradient = jax.value_and_grad(self.loss, has_aux=True)((state.actor, state.value), part, hyper)
             (actor_change, actor_optimiser), (value_change, value_optimiser) = (
                 ADAM.update(_shortened(slope, hyper.max_gradient_norm), optimiser)
                 for slope, optimiser in zip(gradient, (state.actor_optimiser, state.value_optimiser), strict=True)
@@ -185,71 +182,43 @@ class PPO:
             )
             return new, aux
 
-        orders = jax.vmap(lambda key: jax.random.permutation(key, count))(jax.random.split(key, self.config.epochs))
+        orders = jax.vmap(lambda key: jax.random.permutation(key, count))(jax.random.split(key, self.epochs))
         state, metrics = jax.lax.scan(minibatch, state, orders.reshape(-1, count // parts))
         metrics = jax.tree.map(jnp.mean, metrics)
         return state, metrics | {"q": jnp.mean(values)}
 
-    def _gaussian(self, actor, observation) -> Any:
-        return self.actor_network.apply(actor, observation, message_codes(observation.dialogue), method="gaussian")
+    def loss(
+        self, params: tuple[Parameters, Parameters], part: dict[str, Any], hyper: PPOHyperparameters
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        """(policy loss - entropy_weight H + value loss, metrics), equation 9 of PPO, of (actor, value network)."""
+        actor, value = params
+        log_density, entropy = self.log_density(actor, part["observation"], part["twist"])
+        critic_loss = value_loss(self.value(value, part["observation"]), part["return"])
+        actor_loss = self.policy_loss(log_density, part["log_density"], part["advantage"], hyper)
+        entropy = jnp.mean(entropy)
+        metrics = {"critic_loss": critic_loss, "actor_loss": actor_loss, "twist_entropy": entropy}
+        return actor_loss - hyper.entropy_weight * entropy + critic_loss, metrics
 
-    def _log_density(self, actor, observation, twist):
+    def gaussian(self, actor: Parameters, observation: Observation) -> tuple[jax.Array, jax.Array]:
+        """Mean and log_std of the twist, `[..., 2]` each."""
+        heard = message_codes(observation.dialogue)
+        outputs: Any = self.actor_network.apply(actor, observation, heard, method="gaussian")
+        return outputs
+
+    def log_density(self, actor: Parameters, observation: Observation, twist: jax.Array) -> tuple[jax.Array, jax.Array]:
         """(log density of the twists that were tried, entropy), each `[...]`."""
-        mean, log_std = self._gaussian(actor, observation)
+        mean, log_std = self.gaussian(actor, observation)
         noise = (twist - mean) * jnp.exp(-log_std)
         constant = 0.5 * jnp.log(2.0 * jnp.pi)
         return jnp.sum(-0.5 * noise * noise - log_std - constant, axis=-1), jnp.sum(log_std + constant + 0.5, axis=-1)
 
-    def _values(self, params, batch):
-        """V of both ends of each step, `[horizon, episodes]` each."""
-        return self._value(params, batch.observation), self._value(params, batch.next_observation)
-
-    def _value(self, params, observation) -> Any:
-        return self.value_network.apply(params, observation, message_codes(observation.dialogue))
-
-    def _loss(self, params, part, hyper):
-        """Loss of actor and value network, and metrics."""
-        actor, value = params
-        log_density, entropy = self._log_density(actor, part["observation"], part["twist"])
-        error = self._value(value, part["observation"]) - part["return"]
-        value_loss = 0.5 * jnp.mean(error * error)
-        actor_loss = self._actor_loss(log_density, part, hyper)
-        entropy = jnp.mean(entropy)
-        metrics = {"critic_loss": value_loss, "actor_loss": actor_loss, "twist_entropy": entropy}
-        return actor_loss - hyper.entropy_weight * entropy + value_loss, metrics
-
-    def _actor_loss(self, log_density, part, hyper):
-        """-min(ratio A, clipped ratio A), advantages normalised."""
-        advantage = normalised(part["advantage"])
-        # Bounded where the clip decides anyway: exp of more would be infinite, and its gradient not a number.
-        ratio = jnp.exp(jnp.clip(log_density - part["log_density"], -20.0, 20.0))
-        clipped = jnp.clip(ratio, 1.0 - hyper.clip, 1.0 + hyper.clip)
-        return -jnp.mean(jnp.minimum(ratio * advantage, clipped * advantage))
+    def value(self, params: Parameters, observation: Observation) -> jax.Array:
+        """V `[...]`."""
+        v: Any = self.value_network.apply(params, observation, message_codes(observation.dialogue))
+        return v
 
 
 def _shortened(gradient, longest):
     """A gradient of that norm at most: a traced number, which `optax.clip_by_global_norm` doesn't take."""
     scale = jnp.minimum(1.0, longest / (optax.tree.norm(gradient) + 1e-6))
     return jax.tree.map(lambda leaf: scale * leaf, gradient)
-
-
-def normalised(advantage):
-    """Advantages with mean 0 and standard deviation 1."""
-    return (advantage - jnp.mean(advantage)) / (jnp.std(advantage) + 1e-8)
-
-
-def gae(batch: Batch, values, next_values, hyper):
-    """Generalised advantages `[horizon, episodes]` (Schulman et al. 2016).
-
-    A time-out bootstraps from its true last state, an arrival or a collision from nothing; neither looks further.
-    """
-    bootstrap = hyper.discount * (1.0 - batch.terminated) * next_values
-    errors = hyper.reward_scale * batch.reward + bootstrap - values
-    keep = hyper.discount * hyper.gae_lambda * (1.0 - batch.ended)
-
-    def back(advantage, step):
-        error, kept = step
-        advantage = error + kept * advantage
-        return advantage, advantage
-
-    return jax.lax.scan(back, jnp.zeros_like(errors[0]), (errors, keep), reverse=True)[1]

@@ -9,16 +9,26 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
-from ..world import Action
-from .learner import ADAM, Batch, ReplayConfig, descend, silent
+from ..world import Action, Observation
+from .configs import ReplayConfig
+from .learner import ADAM, Batch, Parameters, SilentLearner, descend, silent
+from .losses import td3 as losses
 from .networks import Actor, TwinCritic, message_codes
 
 
 @dataclasses.dataclass(frozen=True)
 class TD3Config(ReplayConfig):
-    __doc__ = ReplayConfig.__doc__
+    """Sizes of the learner: static under ``jit``.
+
+    Attributes:
+        actor_every: updates of the critics for one of the actor.
+    """
 
     actor_every: int = 2
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._check_whole("actor_every")
 
 
 @struct.dataclass
@@ -50,7 +60,16 @@ class TD3Hyperparameters:
 
 @struct.dataclass
 class TD3State:
-    """Parameters of actor and critics, of their targets, and the state of their optimisers."""
+    """What training changes.
+
+    Attributes:
+        actor: its parameters.
+        critic: parameters of both critics.
+        target_actor: those of the target actor, which is evaluated.
+        target_critic: those of the target critics.
+        actor_optimiser: the state of its optimiser.
+        critic_optimiser: likewise.
+    """
 
     actor: chex.ArrayTree
     critic: chex.ArrayTree
@@ -60,17 +79,17 @@ class TD3State:
     critic_optimiser: chex.ArrayTree
 
 
-class TD3:
-    """The bundle of pure functions: `init`, `act`, `update`. Messages are heard as codes."""
+class TD3(SilentLearner):
+    """The `Learner`: a bundle of pure functions. Messages are heard as codes."""
 
-    replays, horizon = True, 1
+    replays, horizon, squash = True, 1, "tanh"
 
     def __init__(self, config: TD3Config = TD3Config()):
         self.config = config
-        self.actor_network = Actor(config.encoder, config.actor_widths)
-        self.critic_network = TwinCritic(config.encoder, config.critic_widths, outputs=1)
+        self.actor_network = Actor(config.encoder, config.actor_widths, config.encoder_widths)
+        self.critic_network = TwinCritic(config.encoder, config.critic_widths, config.encoder_widths, outputs=1)
 
-    def init(self, key, observation, hyper: TD3Hyperparameters) -> TD3State:
+    def init(self, key: jax.Array, observation: Observation, hyper: TD3Hyperparameters) -> TD3State:
         """Fresh parameters for observations shaped like ``observation`` (one, without a batch axis)."""
         del hyper
         key_actor, key_critic = jax.random.split(key)
@@ -86,38 +105,46 @@ class TD3:
             critic_optimiser=ADAM.init(critic),
         )
 
-    def policy(self, learner: TD3State) -> chex.ArrayTree:
-        """The actor that is evaluated."""
-        return learner.target_actor
+    def policy(self, state: TD3State) -> Parameters:
+        """The parameters of the target actor."""
+        return state.target_actor
 
-    def act(self, key, learner: TD3State, observation, hyper: TD3Hyperparameters) -> Action:
+    def act(self, key: jax.Array, state: TD3State, observation: Observation, hyper: TD3Hyperparameters) -> Action:
         """The actor's twist with noise, for each observation `[..., ...]`, and no request."""
-        twist = self._twist(learner.actor, observation)
-        twist = jnp.clip(twist + hyper.exploration_noise * jax.random.normal(key, twist.shape), -1.0, 1.0)
-        return silent(twist)
+        twist = self.best_twist(state.actor, observation)
+        return silent(jnp.clip(twist + hyper.exploration_noise * jax.random.normal(key, twist.shape), -1.0, 1.0))
 
-    def best_action(self, actor, observation, voice=True, vocabulary=None) -> Action:
-        """The actor's twist; it has no voice, and hears codes, whatever the ``vocabulary``."""
-        del voice, vocabulary
-        return silent(self._twist(actor, observation))
+    def best_twist(self, parameters: Parameters, observation: Observation) -> jax.Array:
+        """The actor's twist `[..., 2]`."""
+        heard = message_codes(observation.dialogue)
+        mean: Any = self.actor_network.apply(parameters, observation, heard, method="steer")
+        return jnp.tanh(mean)
 
-    def vocabulary(self, split):
-        """None: this agent hears codes."""
-        del split
+    def q(self, critic: Parameters, observation: Observation, twist: jax.Array) -> jax.Array:
+        """Q `[2, ...]` of both critics."""
+        q: Any = self.critic_network.apply(critic, observation, message_codes(observation.dialogue), twist)
+        return q[..., 0]
 
-    def update(self, key, state: TD3State, batch: Batch, hyper: TD3Hyperparameters, lr_scale=1.0, step=0):
-        """One step on the critics, and on the actor every so often. Returns (state, metrics).
+    def update(
+        self, key: jax.Array, state: TD3State, batch: Batch, hyper: TD3Hyperparameters,
+        lr_scale: jax.Array | float = 1.0, step: jax.Array | int = 0,
+    ) -> tuple[TD3State, dict[str, jax.Array]]:  # fmt: skip
+        """One step on the critics, and on the actor every so often.
 
         lr_scale: multiplies every rate; step: how many updates came before, for the delay.
         """
-        target = self._target(key, state, batch, hyper)
-        (critic_loss, q), gradient = jax.value_and_grad(self._critic_loss, has_aux=True)(state.critic, batch, target)
+        target = losses.target(key, self.best_twist, self.q, state.target_actor, state.target_critic, batch, hyper)
+        (critic_loss, q), gradient = jax.value_and_grad(losses.critic_loss, has_aux=True)(
+            state.critic, self.q, batch, target, self.config.huber_delta
+        )
         change, critic_optimiser = ADAM.update(gradient, state.critic_optimiser)
         critic = descend(state.critic, change, hyper.critic_lr * lr_scale)
         state = state.replace(critic=critic, critic_optimiser=critic_optimiser)
 
         def update_actor(state):
-            loss, gradient = jax.value_and_grad(self._actor_loss)(state.actor, state.critic, batch)
+            loss, gradient = jax.value_and_grad(losses.actor_loss)(
+                state.actor, self.best_twist, self.q, state.critic, batch
+            )
             change, actor_optimiser = ADAM.update(gradient, state.actor_optimiser)
             actor = descend(state.actor, change, hyper.actor_lr * lr_scale)
             new = state.replace(
@@ -132,28 +159,3 @@ class TD3:
             step % self.config.actor_every == 0, update_actor, lambda state: (state, jnp.float32(0.0)), state
         )
         return state, {"critic_loss": critic_loss, "q": q, "actor_loss": actor_loss}
-
-    def _twist(self, actor, observation):
-        mean: Any = self.actor_network.apply(actor, observation, message_codes(observation.dialogue), method="steer")
-        return jnp.tanh(mean)
-
-    def _q(self, critic, observation, twist) -> Any:
-        """Q `[2, ...]`."""
-        q: Any = self.critic_network.apply(critic, observation, message_codes(observation.dialogue), twist)
-        return q[..., 0]
-
-    def _target(self, key, state, batch, hyper):
-        """r + discount (1 - terminated) min Q(s', pi(s') + noise)."""
-        twist = self._twist(state.target_actor, batch.next_observation)
-        noise = hyper.target_noise * jax.random.normal(key, twist.shape)
-        noise = jnp.clip(noise, -hyper.target_noise_clip, hyper.target_noise_clip)
-        q = self._q(state.target_critic, batch.next_observation, jnp.clip(twist + noise, -1.0, 1.0)).min(axis=0)
-        return hyper.reward_scale * batch.reward + hyper.discount**batch.steps * (1.0 - batch.terminated) * q
-
-    def _critic_loss(self, critic, batch, target):
-        q = self._q(critic, batch.observation, batch.twist)
-        return jnp.sum(jnp.mean(optax.huber_loss(q, target[None], delta=self.config.huber_delta), axis=1)), jnp.mean(q)
-
-    def _actor_loss(self, actor, critic, batch):
-        """-Q of the first critic."""
-        return -jnp.mean(self._q(critic, batch.observation, self._twist(actor, batch.observation))[0])

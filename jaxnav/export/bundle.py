@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import UserError, remedy
 from ..language import dialogue_rules, phrases, sides, table
-from .contract import contract_of, hears_phrases, network_inputs
+from .contract import TWIN, check_exportable, contract_of, encoder_of, network_inputs
 from .readme import readme_of
 from .reference import Reference
 from .seal import seal
@@ -31,9 +31,11 @@ def write_bundle(run, actor, folder, origin, replace=False, add=()):
 
     origin: where it comes from (`origin_of`); replace: whether a bundle that is there may go; add: functions that add
     files to the finished folder (of `formats`).
-    UserError: the folder holds something else, can't be written, or what is to be added can't be made.
+    UserError: the folder holds something else, can't be written, the policy can't be exported, or something that is to
+    be added can't be made.
     """
     folder = pathlib.Path(folder)
+    check_exportable(run.agent)
     check_folder(folder, replace)
     # Beside it, so that it only has to be renamed; hidden, so that nobody takes a half of it for a bundle.
     temporary, old = (folder.with_name(f".{folder.name}.{word}") for word in ("new", "old"))
@@ -77,14 +79,17 @@ def travelling() -> list[pathlib.Path]:
 def _fill(folder, run, actor, contract):
     for path in travelling():
         shutil.copyfile(path, folder / path.name)
-    weights = torch_weights(actor, contract["network"]["requests"])
+    encoder = encoder_of(run.agent)
+    if encoder.twin.source:
+        (folder / f"{TWIN}.py").write_text(encoder.twin.source, encoding="utf-8")
+    weights = torch_weights(actor, run.agent.requests, encoder)
     if "maps" in network_inputs(run):
         weights |= grid_tables(run.world.config.beams, run.params.robot_radius)
     _save(folder / "weights.npz", weights)
     reference = Reference(run, actor)
     inputs, outputs = reference.sample(reference.play(_GOLDEN_SEED), GOLDEN, _GOLDEN_SEED)
     _save(folder / "golden.npz", inputs | {f"out.{name}": value for name, value in outputs.items()})
-    if hears_phrases(run.agent):
+    if run.agent.can_hear:
         shutil.copyfile(table.EMBEDDINGS, folder / "embeddings.npz")
         shutil.copyfile(phrases.PHRASES, folder / "phrases.csv")
     (folder / "requirements-jetson.txt").write_text(_REQUIREMENTS)

@@ -2,13 +2,14 @@
 
 import importlib.metadata
 import math
+from typing import Any
 
 import numpy as np
 
-from ..agents.encoders import ENCODERS, PARTS, SECTORS
-from ..agents.hsac import HSAC
-from ..agents.networks import LangPreNet
-from ..agents.ppo import PPO
+from ..agents.encoders import Encoder
+from ..agents.learner import Learner
+from ..agents.networks import Actor, LangPreNet
+from ..errors import UserError
 from ..language import dialogue_rules
 from ..language.speaker import Context, sentences
 from ..language.table import DIMENSIONS, default_table
@@ -16,41 +17,52 @@ from ..training.dataclass_json import to_json
 from ..world import sensing
 from ..world.types import AGREES, LEFT, MESSAGES, NONE, REFUSES, REPLIES, REQUESTS, RIGHT, STOP
 
-SCHEMA = 1  # of contract.json; robot/policy.py reads the same
+SCHEMA = 1  # of contract.json; robot/bundle.py reads the same
+TWIN = "twin"  # the module of a bundle that holds the twin of an encoder that is no part of this package
 
 _PERIOD = "control.period"  # the unit of ages
 _FAR = 1000.0  # m or rad: what is beyond it is a mistake
-RAW_PARTS = ("scan", "pedestrians", "dialogue")  # of an observation, from which all that a policy reads is made
+SQUASHES = ("tanh", "clip")  # how the mean of a twist comes into its range
+RAW_PARTS = ("scan", "pedestrians", "dialogue")  # of an observation, of which all inputs are made
 TALK = ("is_open", "pedestrian_first", "message_age", "request", "request_age", "reply")  # observed of a dialogue
 
 
-def requests_of(agent):
-    """How many requests the policy chooses from; 1: it is silent."""
-    return agent.config.requests if isinstance(agent, HSAC) else 1
+def check_exportable(agent: Learner) -> None:
+    """UserError: a policy of this learner can't be computed without JAX."""
+    if not isinstance(getattr(agent, "actor_network", None), Actor) or getattr(agent, "squash", "") not in SQUASHES:
+        raise UserError(
+            f"a {type(agent).__name__} can't be exported: its learner needs an actor_network that is an Actor of "
+            f"jaxnav.agents.networks, and a squash that is {' or '.join(SQUASHES)}"
+        )
+    if encoder_of(agent).twin is None:
+        raise UserError(
+            f"agent.encoder {encoder_of(agent).name!r} has no torch twin, so that its policies can't be exported: give "
+            "its Encoder a TorchTwin"
+        )
 
 
-def hears_phrases(agent):
-    """Whether it understands sentences, not only messages by name."""
-    return agent.vocabulary("test") is not None
+def encoder_of(agent: Learner) -> Encoder:
+    """The record of a learner's encoder."""
+    return agent.config.encoding
 
 
-def raw_inputs(run):
-    """Names of what `Policy.act` in robot/policy.py reads, in order."""
-    words = ("words",) if hears_phrases(run.agent) else ("message", "spoken")
+def raw_inputs(run: Any) -> tuple[str, ...]:
+    """Names of the inputs of `Policy.act` in robot/policy.py, in order."""
+    words = ("words",) if run.agent.can_hear else ("message", "spoken")
     return ("scan", "pedestrians", "seen", *TALK, *words, "pose", "twist", "may_request", "voice")
 
 
-def network_inputs(run):
-    """Names of what the network itself reads, in order: grid encoders have maps instead of scan and pedestrians."""
-    if "scan" in PARTS[run.agent.config.encoder]:
-        return raw_inputs(run)
-    left_out = {"scan", "pedestrians"}
+def network_inputs(run: Any) -> tuple[str, ...]:
+    """Names of the inputs of the network itself, in order: maps are made of scan and pedestrians."""
+    reads = encoder_of(run.agent).reads
+    left_out = {"scan", "pedestrians"} - set(reads)
     if "pedestrians" not in run.world.config.observation:
         left_out.add("seen")
-    return ("maps", *(name for name in raw_inputs(run) if name not in left_out))
+    maps = ("maps",) if {"sensor_map", "pedestrian_map"} & set(reads) else ()
+    return (*maps, *(name for name in raw_inputs(run) if name not in left_out))
 
 
-def contract_of(run, origin):
+def contract_of(run: Any, origin: Any) -> dict[str, Any]:
     """The contract as a dict for JSON, but for what tells of the other files: `files` and `checksum`.
 
     origin: where the policy comes from, JSON of any kind.
@@ -63,7 +75,7 @@ def contract_of(run, origin):
         "about": "What the policy in weights.npz reads and does. Lengths are metres, times seconds, angles radians "
         "counter-clockwise unless an entry says otherwise. Robot frame: x forward, y left.",
         "inputs": [_INPUTS[name](run, nearest) | {"name": name} for name in raw_inputs(run)],
-        "outputs": _outputs(params, requests_of(agent), nearest),
+        "outputs": _outputs(params, agent.requests, nearest),
         "network": _network(run),
         "laser": {
             "beams": config.beams, "angle_min": -math.pi / 2, "angle_max": math.pi / 2,
@@ -82,17 +94,17 @@ def contract_of(run, origin):
         # How far ahead the safety layer looks: one period and the way of braking; and which gap it keeps.
         "safety": {"deceleration": 1.5, "gap": 0.015, "gap_at_full_speed": 0.03, "timeout": 0.5},
         "dialogue": dict(dialogue_rules.RULES),
-        "requests": [{"request": request, "name": REQUESTS[request]} for request in range(requests_of(agent))],
+        "requests": [{"request": request, "name": REQUESTS[request]} for request in range(agent.requests)],
         "hearing": config.hearing,
         "messages": list(MESSAGES),
         "replies": list(REPLIES),
         "sentences": _sentences(),
-        "language": _language() if hears_phrases(agent) else None,
+        "language": _language() if agent.can_hear else None,
         "origin": origin,
     }  # fmt: skip
 
 
-def origin_of(run, policy, stored, evaluation):
+def origin_of(run: Any, policy: str, stored: dict[str, Any], evaluation: Any) -> dict[str, Any]:
     """Where a policy comes from. policy: last or best; stored: the run's config.json; evaluation: its evaluation."""
     return {
         "run": run.folder.name, "policy": policy, "exported_by": f"jaxnav {importlib.metadata.version('jaxnav')}",
@@ -175,23 +187,18 @@ def _outputs(params, requests, nearest):
 
 
 def _network(run):
-    """Sizes of `Actor` in robot/policy.py."""
-    agent, config = run.agent, run.agent.config
-    requests = requests_of(agent)
+    """Sizes of `Actor` in robot/network.py."""
+    agent, config, encoder = run.agent, run.agent.config, encoder_of(run.agent)
+    nearest = min(run.world.config.nearest, run.world.config.pedestrians)
     sizes = {
-        "encoder": config.encoder, "inputs": list(network_inputs(run)), "widths": list(config.actor_widths),
-        "requests": requests, "twists": requests if getattr(config, "heads", "shared") == "per-request" else 1,
-        "mean_tanh": bool(getattr(config, "mean_tanh", False)), "squash": "clip" if isinstance(agent, PPO) else "tanh",
+        "encoder": encoder.name, "encoder_module": TWIN if encoder.twin.source else "encoders",
+        "encoder_class": encoder.twin.module, "encoder_widths": encoder.sizes(config.encoder_widths),
+        "inputs": list(network_inputs(run)), "beams": run.world.config.beams, "nearest": nearest, "cells": sensing.GRID,
+        "widths": list(config.actor_widths), "requests": agent.requests,
+        "twists": agent.requests if agent.actor_network.per_request else 1, "squash": agent.squash,
         "max_v": float(run.params.max_v), "max_w": float(run.params.max_w),
     }  # fmt: skip
-    encoder = ENCODERS[config.encoder]()
-    if "maps" in sizes["inputs"]:
-        sizes |= {"cells": sensing.GRID, "channels": list(encoder.channels)}
-        sizes |= {name: getattr(encoder, name) for name in ("width", "dialogue_width")}
-    else:
-        sizes |= {"beams": run.world.config.beams, "sectors": SECTORS}
-        sizes |= {name: getattr(encoder, name) for name in ("scan_width", "pedestrian_width")}
-    if hears_phrases(agent):
+    if agent.can_hear:
         sizes |= {"dimensions": DIMENSIONS + 1, "listener_width": LangPreNet.width}
     return sizes
 

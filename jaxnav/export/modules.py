@@ -2,15 +2,14 @@
 
 import contextlib
 import importlib
+import pathlib
 import sys
-
-from .bundle import travelling
 
 
 @contextlib.contextmanager
 def modules(bundle, *names):
     """The modules of these names, which are those of this bundle alone; afterwards nobody else finds them."""
-    own = [path.stem for path in travelling()]
+    own = [path.stem for path in pathlib.Path(bundle).glob("*.py")]
     before = {name: sys.modules.pop(name, None) for name in own}
     sys.path.insert(0, str(bundle))
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True

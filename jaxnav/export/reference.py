@@ -1,4 +1,4 @@
-"""What the JAX policy of a run takes and gives, by the names of a contract: what an exported one has to equal."""
+"""The inputs and outputs of a run's JAX policy by the names of a contract: an exported one has to equal them."""
 
 import dataclasses
 from typing import Any
@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..agents.distributions import request_log_probabilities
-from ..agents.networks import message_codes, spoken_words
+from ..agents.networks import message_codes, message_words
 from ..world import SCENES, World
 from ..world.robot import twist_from_action
 from ..world.types import REPLIES
-from .contract import RAW_PARTS, TALK, raw_inputs, requests_of
+from .contract import RAW_PARTS, TALK, raw_inputs
 
 _EPISODES = 14  # of each scene: as many as are drawn, so that one compiled program serves both
 
@@ -45,38 +45,38 @@ class Reference:
 
     def both(self, states, voice):
         """(inputs, outputs) `[n, ...]` by name in states `[n]`; voice: `[n]` whether a request may be spoken."""
-        spoken = self._run.agent.vocabulary("test")
-        inputs, outputs = jax.device_get(self._both(self._actor, spoken, states, voice))
+        vocabulary = self._run.agent.vocabulary("test")
+        inputs, outputs = jax.device_get(self._both(self._actor, vocabulary, states, voice))
         return {name: inputs[name] for name in raw_inputs(self._run)}, outputs
 
-    def _inputs(self, spoken, states, voice):
+    def _inputs(self, vocabulary, states, voice):
         seen = jax.vmap(self._raw.observe, in_axes=(0, None))(states, self._run.params)
         talk: Any = seen.dialogue
         given = {name: getattr(talk, name) for name in (*TALK, "message")}
         given |= {"is_open": talk.is_open != 0, "pedestrian_first": talk.pedestrian_first != 0}
         given |= {name: getattr(seen, name) for name in ("scan", "pedestrians", "seen", "pose", "twist", "may_request")}
         given |= {"voice": voice, "spoken": talk.utterance != 0}
-        if spoken is not None:
-            given["words"] = spoken_words(talk, spoken)
+        if vocabulary is not None:
+            given["words"] = message_words(talk, vocabulary)
         return given
 
-    def _outputs(self, actor, spoken, states, voice):
+    def _outputs(self, actor, vocabulary, states, voice):
         agent = self._run.agent
         observation = jax.vmap(self._run.world.observe, in_axes=(0, None))(states, self._run.params)
-        action = jax.vmap(agent.best_action, in_axes=(None, 0, 0, None))(actor, observation, voice, spoken)
+        action = jax.vmap(agent.best_action, in_axes=(None, 0, 0, None))(actor, observation, voice, vocabulary)
         v, w = jax.vmap(twist_from_action, in_axes=(0, None))(action.twist, self._run.params)
-        log_p, heard, answer = self._words(actor, spoken, observation, voice)
+        log_p, heard, answer = self._words(actor, vocabulary, observation, voice)
         return {"v": v, "w": w, "request": action.request, "log_p": log_p, "heard": heard, "answer": answer}
 
-    def _words(self, actor, spoken, observation, voice) -> Any:
+    def _words(self, actor, vocabulary, observation, voice) -> Any:
         agent = self._run.agent
         heard = message_codes(observation.dialogue)
         answer = jnp.broadcast_to(jax.nn.one_hot(0, len(REPLIES)), (*heard.shape[:-1], len(REPLIES)))
-        if spoken is not None:
-            words = spoken_words(observation.dialogue, spoken)
+        if vocabulary is not None:
+            words = message_words(observation.dialogue, vocabulary)
             heard = agent.actor_network.apply(actor, words, method="listen")
             answer = jnp.exp(agent.understand(actor, words)[1])
-        if requests_of(agent) == 1:
+        if agent.requests == 1:
             return jnp.zeros((heard.shape[0], 1)), heard, answer
         _, _, logits = agent.actor_network.apply(actor, observation, heard, method="act")
         return request_log_probabilities(logits, observation.may_request & voice), heard, answer

@@ -65,7 +65,8 @@ def _read_contract(folder):
         for entry in contract.get(kind, ()):
             missing += [f"{kind}.{entry.get('name')}.{field}" for field in _FIELDS if field not in entry]
     heard = {"embeddings.npz", "phrases.csv"} if contract.get("language") else set()
-    missing += [f"files.{name}" for name in sorted((_FILES | heard) - contract.get("files", {}).keys())]
+    twin = {f"{contract['network'].get('encoder_module')}.py"} if "network" in contract else set()
+    missing += [f"files.{name}" for name in sorted((_FILES | heard | twin) - contract.get("files", {}).keys())]
     if missing:
         raise UserError(f"{path} lacks {', '.join(missing)}: export the bundle again")
     return contract

@@ -6,11 +6,24 @@ from typing import Any
 import numpy as np
 
 from .. import maps
-from ..agents.a2c import A2C, A2CConfig
-from ..agents.encoders import PARTS
-from ..agents.hsac import HSAC, HSACConfig, HSACHyperparameters
-from ..agents.ppo import PPO, PPOConfig, PPOHyperparameters, RolloutConfig
-from ..agents.td3 import TD3, TD3Config, TD3Hyperparameters
+from ..agents import (
+    A2C,
+    HSAC,
+    LEARNERS,
+    PPO,
+    TD3,
+    A2CConfig,
+    A2CHyperparameters,
+    HSACConfig,
+    HSACHyperparameters,
+    Learner,
+    PPOConfig,
+    PPOHyperparameters,
+    RolloutConfig,
+    TD3Config,
+    TD3Hyperparameters,
+)
+from ..agents.encoders import GRID_PARTS
 from ..errors import UserError
 from ..world import SCENES, SUITES, Params, World, WorldConfig, body_reach, check_params, default_params
 from .dataclass_json import from_json
@@ -167,8 +180,7 @@ class A2CRunConfig(RunConfig):
 
     algo: str = "a2c"
     agent: A2CConfig = A2CConfig()
-    # It makes a sixth of PPO's updates: as long an average in steps of the world.
-    hyper: PPOHyperparameters = dataclasses.field(default_factory=lambda: PPOHyperparameters(average=0.06))
+    hyper: A2CHyperparameters = dataclasses.field(default_factory=A2CHyperparameters)
     train: TrainConfig = TrainConfig(episodes=64)
 
 
@@ -180,7 +192,7 @@ ALGORITHMS = {
     "a2c": (A2C, A2CRunConfig),
 }
 
-_MAPS = WorldSettings(observation=PARTS["grid"])
+_MAPS = WorldSettings(observation=GRID_PARTS)
 _PAPER_NET = HSACConfig(encoder="grid", actor_widths=(128,), critic_widths=(128,), batch=256, updates_per_step=4)
 _SLOW = HSACHyperparameters(actor_lr=3e-4, critic_lr=3e-4)  # convolutions learn sooner than at 1e-3 (docs/learner.md)
 PRESETS = {
@@ -244,9 +256,9 @@ def _like(own, base, usual):
     return dataclasses.replace(own, **{name: v for name, v in other.items() if v != getattr(usual, name)})
 
 
-def make_agent(config: RunConfig):
+def make_agent(config: RunConfig) -> Learner:
     """The learner of a run."""
-    return ALGORITHMS[config.algo][0](config.agent)
+    return LEARNERS[config.algo].make(config.agent)
 
 
 def resolve(config: RunConfig) -> RunConfig:
@@ -264,7 +276,7 @@ def resolve(config: RunConfig) -> RunConfig:
         raise UserError(f"world.scenes is {' '.join(given)} beside --scene {config.scene}: give one of the two")
     if not 0 <= config.seed < 2**32:
         raise UserError(f"seed is {config.seed}: give a whole number from 0 to {2**32 - 1}")
-    missing = set(PARTS[config.agent.encoder]) - set(config.world.observation)
+    missing = set(config.agent.encoding.reads) - set(config.world.observation)
     if missing:
         raise UserError(
             f"world.observation lacks {', '.join(sorted(missing))}: the {config.agent.encoder} encoder needs it"
@@ -276,10 +288,10 @@ def resolve(config: RunConfig) -> RunConfig:
                 f"agent.horizon is {config.agent.horizon}: give a divisor of train.steps_per_chunk, which is "
                 f"{config.train.steps_per_chunk}"
             )
-        if steps % config.agent.minibatches:
+        parts = getattr(config.agent, "minibatches", 1)
+        if steps % parts:
             raise UserError(
-                f"agent.minibatches is {config.agent.minibatches}: give a divisor of agent.horizon times "
-                f"train.episodes, which is {steps}"
+                f"agent.minibatches is {parts}: give a divisor of agent.horizon times train.episodes, which is {steps}"
             )
     try:
         world = config.world.of_scenes(names)
@@ -291,11 +303,11 @@ def resolve(config: RunConfig) -> RunConfig:
         raise UserError(str(error)) from None
     usual = "" if config.algo == "hsac" else f"{config.algo}-"
     out = config.out or f"runs/{usual}{config.preset}-{config.seed}"
-    return dataclasses.replace(config, world=world, out=out)
+    return dataclasses.replace(config, world=world, agent=config.agent.filled(), out=out)
 
 
 _FRACTIONS = (
-    "discount", "tau", "average", "final_lr", "target_entropy_request", "backup_entropy", "gae_lambda", "word_errors",
+    "discount", "tau", "average", "final_lr", "target_entropy_request", "gae_lambda", "word_errors",
     "initial_std",
 )  # fmt: skip
 _ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm", "reward_scale")

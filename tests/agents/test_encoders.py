@@ -13,18 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxnav import Params, World, WorldConfig
-from jaxnav.agents.encoders import ENCODERS, PARTS, GridEncoder, approach_features
+from jaxnav.agents.encoders import ENCODERS, GRID_PARTS, GridEncoder
+from jaxnav.agents.features import approach_features
 from jaxnav.agents.networks import message_codes
 from jaxnav.training.config import ALGORITHMS, TrainConfig, make_agent, preset, resolve
 from jaxnav.training.loop import Trainer
 
-SMALL = {"channels": (3, 5, 6), "width": 16, "dialogue_width": 4}
+SMALL = {"channels_1": 3, "channels_2": 5, "channels_3": 6, "features": 16, "dialogue": 4}
 
 
 @pytest.fixture(scope="module")
 def observations():
     """Observations `[2]` of the grid encoders."""
-    world = World(WorldConfig(observation=PARTS["grid"], beams=24, pedestrians=2))
+    world = World(WorldConfig(observation=GRID_PARTS, beams=24, pedestrians=2))
 
     def observe(key):
         return world.observe(world.reset(key, Params()), Params())
@@ -60,7 +61,7 @@ def test_frozen_convolutions_have_no_gradient_and_the_rest_has(observations, fro
     encoder = GridEncoder(frozen=frozen, **SMALL)
     heard = message_codes(observations.dialogue)
     params = jax.jit(encoder.init)(jax.random.key(0), observations, heard)
-    weights = jax.random.normal(jax.random.key(1), (SMALL["width"],))
+    weights = jax.random.normal(jax.random.key(1), (SMALL["features"],))
     gradient = jax.grad(lambda p: jnp.sum(encoder.apply(p, observations, heard) * weights))(params)["params"]
     for i in range(3):
         assert bool((gradient[f"Conv_{i}"]["kernel"] == 0).all()) == frozen
@@ -75,7 +76,7 @@ def test_a_leading_axis_more_or_less_is_the_same(observations):
     many = encoder.apply(params, observations, heard)
     one = encoder.apply(params, jax.tree.map(lambda leaf: leaf[0], observations), heard[0])
     deep = encoder.apply(params, jax.tree.map(lambda leaf: leaf[None], observations), heard[None])
-    assert one.shape == (SMALL["width"],)
+    assert one.shape == (SMALL["features"],)
     np.testing.assert_allclose(many[0], one, atol=1e-6)
     np.testing.assert_allclose(many, deep[0], atol=1e-6)
 
@@ -94,7 +95,7 @@ def test_rows_of_nobody_do_not_count(encoder, observations):
     three = one.replace(dialogue=jax.tree.map(pad, one.dialogue))
     if encoder != "grid":
         three = three.replace(pedestrians=pad(one.pedestrians), seen=pad(one.seen))
-    net = ENCODERS[encoder](**(SMALL if encoder == "grid" else {}))
+    net = ENCODERS[encoder].build(tuple(SMALL.values()) if encoder == "grid" else ())
     weights = jax.jit(net.init)(jax.random.key(0), one, message_codes(one.dialogue))
     # Biases begin as zeros, and then the rows of nobody have no voice anyway.
     rng = np.random.default_rng(1)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jaxnav.agents.distributions import request_log_probabilities
-from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters, soft_value
+from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
+from jaxnav.agents.losses.hsac import critic_loss, soft_value
 
 SIZES = {"actor_widths": (16,), "critic_widths": (16, 16)}
 AGENT = HSAC(HSACConfig(**SIZES))
@@ -49,7 +50,6 @@ def test_soft_value_is_the_sum_over_requests():
 @pytest.fixture(scope="module")
 def targets(fresh):
     """What critics are to learn of each transition: the slope, where they say 0, of a loss that isn't linear yet."""
-    agent = HSAC(HSACConfig(huber_delta=10.0, **SIZES))
     temperatures = jax.tree.map(jnp.exp, fresh.log_temperatures)
     mute = jax.tree.map(jnp.zeros_like, fresh.critic)
 
@@ -58,9 +58,8 @@ def targets(fresh):
     def slopes(transition, discount):
         one = jax.tree.map(lambda leaf: leaf[None], transition)
         hyper = HSACHyperparameters(discount=discount, reward_scale=0.1)
-        gradient, _ = jax.grad(agent._critic_loss, has_aux=True)(
-            mute, jax.random.key(2), fresh, one, temperatures, hyper
-        )
+        given = AGENT.networks, fresh.target_critic, fresh.actor, one, temperatures, hyper, 10.0
+        gradient, _ = jax.grad(critic_loss, has_aux=True)(mute, jax.random.key(2), *given)
         return jnp.stack([gradient["params"][f"Dense_{i}"]["bias"][transition.request] for i in range(2)])
 
     def targets(batch, discount=0.9):

@@ -8,8 +8,9 @@ import scipy.optimize
 import scipy.special
 
 from jaxnav.agents.distributions import twist_log_density
-from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters, soft_value
+from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.agents.learner import Batch
+from jaxnav.agents.losses.hsac import soft_value
 
 ALPHA = {"twist": 0.1, "request": 0.2}
 HYPER = HSACHyperparameters(
@@ -21,7 +22,7 @@ ROWS, UPDATES, BATCH = 20_000, 2500, 128
 class Learning:
     """An agent, and its training on transitions between two states that differ in the speed the robot has.
 
-    In state 1 no request counts. Transitions are a dict of `[ROWS]` state, twist `[2]`, request, reward, after, terminated.
+    In state 1 no request counts. Transitions: dict of `[ROWS]` state, twist `[2]`, request, reward, after, terminated.
     """
 
     def __init__(self, heads, blank_observation):
@@ -117,9 +118,9 @@ def test_two_states_have_their_exact_soft_values(learning):
 
     exact = scipy.optimize.fixed_point(improved, np.zeros(2), method="iteration", maxiter=1000)
     learner = learning.train(transitions(np.random.default_rng(0), 2, mean, log_std, gains, after))
-    agent = learning.agent
+    networks = learning.agent.networks
     states = learning.at(jnp.repeat(jnp.arange(2), 4000))
-    twist, log_density, log_p = agent._sample(jax.random.key(2), learning.policy(learner, states), states.may_request)
-    q = agent._judge(agent._q(learner.critic, states, twist))
+    twist, log_density, log_p = networks.sample(jax.random.key(2), learning.policy(learner, states), states.may_request)
+    q = networks.q(learner.critic, states, twist).min(axis=0)
     value = soft_value(q, log_density, log_p, states.may_request, ALPHA)
     np.testing.assert_allclose(value.reshape(2, -1).mean(axis=1), exact, rtol=0.02)

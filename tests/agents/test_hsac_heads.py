@@ -1,4 +1,4 @@
-"""What each request has of its own: its twist, and what is learnt of it. No gradient leaks from one request to another."""
+"""Each request has its own twist and its own values: no gradient leaks from one request to another."""
 
 import jax
 import jax.numpy as jnp
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxnav.agents.hsac import HEADS, HSAC, HSACConfig, HSACHyperparameters
+from jaxnav.agents.losses.hsac import actor_loss, critic_loss
 
 SIZES = {"language": "codes", "actor_widths": (16,), "critic_widths": (16,)}
 HYPER = HSACHyperparameters()
@@ -48,24 +49,34 @@ def of_requests(head):
 
 
 def test_critics_learn_of_the_request_that_was_spoken_alone(agent, learner, batch, temperatures):
-    slope = jax.jit(jax.grad(agent._critic_loss, has_aux=True))
+
+    @jax.jit
+    def slope(critic, batch):
+        given = agent.networks, learner.target_critic, learner.actor, batch, temperatures, HYPER, 2.0
+        return jax.grad(critic_loss, has_aux=True)(critic, jax.random.key(1), *given)
+
     for request in range(CHOICES):
         spoken = batch.replace(request=np.full(16, request, np.int32))
-        gradient, _ = slope(learner.critic, jax.random.key(1), learner, spoken, temperatures, HYPER)
+        gradient, _ = slope(learner.critic, spoken)
         for head in ("Dense_0", "Dense_1"):
             np.testing.assert_array_equal(of_requests(gradient["params"][head]) > 0, np.arange(CHOICES) == request)
 
 
 def test_a_twist_is_learnt_of_its_own_request_alone(blank_observation, batch, temperatures):
-    """All probability on one request, or on none where no request counts: the other requests' twists aren't judged at all."""
+    """With all probability on one request, or on none where no request counts, no other twist is judged."""
     agent = HSAC(HSACConfig(heads="per-request", **SIZES))
     learner = jax.jit(agent.init)(jax.random.key(0), blank_observation(), HYPER)
-    slope = jax.jit(jax.grad(agent._actor_loss, has_aux=True))
+
+    @jax.jit
+    def slope(actor, batch):
+        given = agent.networks, learner.critic, batch, None, temperatures, HYPER
+        return jax.grad(actor_loss, has_aux=True)(actor, jax.random.key(1), *given)
+
     for may_request in (True, False):
         asked = batch.replace(observation=batch.observation.replace(may_request=np.full(16, may_request)))
         for request in range(CHOICES):
             certain = biased(learner.actor, request_head=jnp.where(jnp.arange(CHOICES) == request, 60.0, 0.0))
-            gradient, _ = slope(certain, jax.random.key(1), learner.critic, asked, temperatures, HYPER)
+            gradient, _ = slope(certain, asked)
             alone = request if may_request else 0
             for head in ("mean_head", "log_std_head"):
                 slopes = of_requests(gradient["params"][head])
@@ -76,7 +87,7 @@ def test_a_twist_is_learnt_of_its_own_request_alone(blank_observation, batch, te
 def test_the_critics_are_asked_of_every_request_with_its_own_twist(agent, learner, batch):
     """Q of a request is what they say of it with that twist for all, whatever the other requests' twists."""
     twists = np.float32(np.random.default_rng(1).uniform(-1, 1, (16, CHOICES, 2)))
-    judge = jax.jit(agent._q)
+    judge = jax.jit(agent.networks.q)
     q = judge(learner.critic, batch.observation, twists)
     for request in range(CHOICES):
         alone = judge(learner.critic, batch.observation, twists[:, request])

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from jaxnav.agents.a2c import A2C, A2CConfig
 from jaxnav.agents.learner import Batch
-from jaxnav.agents.ppo import PPO, PPOConfig, PPOHyperparameters, gae
+from jaxnav.agents.losses.ppo import clipped_objective, gae
+from jaxnav.agents.ppo import PPO, PPOConfig, PPOHyperparameters
 
 SIZES = {"actor_widths": (16,), "critic_widths": (16,)}
 HORIZON, EPISODES = 4, 6
@@ -119,8 +120,7 @@ def slope_of_clipped():
 
     @jax.jit
     def slope(ratio, advantage):
-        part = {"advantage": advantage, "log_density": jnp.zeros(ratio.shape)}
-        return jax.grad(AGENTS["ppo"]._actor_loss)(jnp.log(ratio), part, HYPER.replace(clip=0.2))
+        return jax.grad(clipped_objective)(jnp.log(ratio), jnp.zeros(ratio.shape), advantage, HYPER.replace(clip=0.2))
 
     return slope
 
@@ -153,12 +153,12 @@ def test_the_gradient_of_a2c_is_the_plain_policy_gradient(blank_observation, ran
     }  # fmt: skip
 
     def definition(actor):
-        mean, log_std = agent._gaussian(actor, part["observation"])
+        mean, log_std = agent.gaussian(actor, part["observation"])
         density = jax.scipy.stats.norm.logpdf(part["twist"], mean, jnp.exp(log_std))
         return -jnp.mean(part["advantage"] * jnp.sum(density, axis=-1))
 
     hyper = HYPER.replace(entropy_weight=0.0)
-    gradient = jax.jit(jax.grad(lambda actor: agent._loss((actor, state.value), part, hyper)[0]))(state.actor)
+    gradient = jax.jit(jax.grad(lambda actor: agent.loss((actor, state.value), part, hyper)[0]))(state.actor)
     expected = jax.jit(jax.grad(definition))(state.actor)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), gradient, expected)
     assert max(np.abs(leaf).max() for leaf in jax.tree.leaves(gradient)) > 0.1

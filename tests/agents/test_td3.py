@@ -6,10 +6,21 @@ import numpy as np
 import pytest
 
 from jaxnav.agents.learner import Batch
+from jaxnav.agents.losses import td3 as losses
 from jaxnav.agents.td3 import TD3, TD3Config, TD3Hyperparameters
 
 AGENT = TD3(TD3Config(actor_widths=(16,), critic_widths=(32, 32), actor_every=3))
-init, update, target_of, loss_of = map(jax.jit, (AGENT.init, AGENT.update, AGENT._target, AGENT._actor_loss))
+init, update = jax.jit(AGENT.init), jax.jit(AGENT.update)
+
+
+@jax.jit
+def target_of(key, state, batch, hyper):
+    return losses.target(key, AGENT.best_twist, AGENT.q, state.target_actor, state.target_critic, batch, hyper)
+
+
+@jax.jit
+def loss_of(actor, critic, batch):
+    return losses.actor_loss(actor, AGENT.best_twist, AGENT.q, critic, batch)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +80,7 @@ def test_the_actor_and_all_targets_move_at_every_third_update_only(fresh, batch)
                     lambda a, b: a + 0.25 * (b - a), getattr(before, f"target_{name}"), getattr(after, name)
                 )
                 jax.tree.map(
-                    lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), after[f"target_{name}"], expected
+                    lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), getattr(after, f"target_{name}"), expected
                 )
         before = after
     assert AGENT.policy(after) is after.target_actor
@@ -78,10 +89,10 @@ def test_the_actor_and_all_targets_move_at_every_third_update_only(fresh, batch)
 def test_the_noise_on_twists_that_targets_are_made_of_is_clipped(fresh, batch):
     """Of far too much noise nothing but its sign remains, and the twist stays in its range."""
     hyper = TD3Hyperparameters(target_noise=1e6, target_noise_clip=0.3, reward_scale=0.1, discount=0.9)
-    twist = AGENT._twist(fresh.target_actor, batch.next_observation)
+    twist = AGENT.best_twist(fresh.target_actor, batch.next_observation)
     signs = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     tried = np.clip(twist[None] + 0.3 * signs[:, None], -1.0, 1.0)
-    judge = jax.jit(jax.vmap(lambda twist: AGENT._q(fresh.target_critic, batch.next_observation, twist).min(axis=0)))
+    judge = jax.jit(jax.vmap(lambda twist: AGENT.q(fresh.target_critic, batch.next_observation, twist).min(axis=0)))
     bootstrap = 0.9**batch.steps * np.asarray(judge(tried)) * ~batch.terminated
     seen = set()
     for i in range(20):

@@ -35,8 +35,10 @@ SIZES = {"actor_widths": (8,), "critic_widths": (8, 8)}
 
 def assert_same(learner, **parameters):
     for name, tree in parameters.items():
-        assert jax.tree.structure(learner[name]) == jax.tree.structure(tree)
-        for (path, leaf), mine in zip(jax.tree.leaves_with_path(learner[name]), jax.tree.leaves(tree), strict=True):
+        assert jax.tree.structure(getattr(learner, name)) == jax.tree.structure(tree)
+        for (path, leaf), mine in zip(
+            jax.tree.leaves_with_path(getattr(learner, name)), jax.tree.leaves(tree), strict=True
+        ):
             message = name + jax.tree_util.keystr(path)
             np.testing.assert_allclose(leaf, mine.detach().numpy(), rtol=0, atol=1e-5, err_msg=message)
 
@@ -44,7 +46,7 @@ def assert_same(learner, **parameters):
 def assert_moved(before, after, *names):
     """By far more than the tolerance."""
     for name in names:
-        change = jax.tree.map(lambda a, b: float(np.abs(a - b).max()), before[name], after[name])
+        change = jax.tree.map(lambda a, b: float(np.abs(a - b).max()), getattr(before, name), getattr(after, name))
         assert max(jax.tree.leaves(change)) > 0.01, name
 
 
@@ -60,8 +62,6 @@ def judged(p, critic, seen, noise, alpha, config):
     """(soft value of each observation, mean entropy of the twist, mean entropy of the requests where they count)."""
     x = trunk(p, seen)
     mean, std = gaussian(p, x)
-    if config.mean_tanh:
-        mean = torch.tanh(mean)
     mean, std, noise = (part.unflatten(-1, (-1, 2)) if part.ndim < 3 else part for part in (mean, std, noise))
     raw = mean + std * noise
     twist = torch.tanh(raw)
@@ -83,7 +83,8 @@ def hsac_in_torch(learner, batch, noises, hyper, config):
     """The learner's parameters after an update."""
     names = ("actor", "averaged", "critic", "target_critic", "log_temperatures")
     actor, averaged, critic, target_critic, log_alpha = (
-        tensors(learner[name]["params"] if name != "log_temperatures" else learner[name]) for name in names
+        tensors(getattr(learner, name)["params"] if name != "log_temperatures" else getattr(learner, name))
+        for name in names
     )
     alpha = {name: leaf.exp().clone() for name, leaf in log_alpha.items()}
     batch = tensors(batch)
@@ -111,7 +112,7 @@ def hsac_in_torch(learner, batch, noises, hyper, config):
     return {name: {"params": tree} for name, tree in networks.items()} | {"log_temperatures": log_alpha}
 
 
-@pytest.mark.parametrize("options", [{"heads": "shared"}, {"heads": "per-request", "codes": 2, "mean_tanh": True}])
+@pytest.mark.parametrize("options", [{"heads": "shared"}, {"heads": "per-request", "requests": 2}])
 def test_hsac(options, blank_observation, random_batch):
     agent = HSAC(HSACConfig(language="codes", **SIZES, **options))
     requests, size, rng = agent.config.requests, 12, np.random.default_rng(0)
@@ -146,7 +147,7 @@ def steered(p, seen):
 
 def td3_in_torch(learner, batch, noise, hyper, config, moves):
     names = ("actor", "target_actor", "critic", "target_critic")
-    actor, target_actor, critic, target_critic = (tensors(learner[name]["params"]) for name in names)
+    actor, target_actor, critic, target_critic = (tensors(getattr(learner, name)["params"]) for name in names)
     batch = tensors(batch)
     optimisers = adam(critic, hyper.critic_lr), adam(actor, hyper.actor_lr)
     with torch.no_grad():
@@ -205,7 +206,7 @@ def advantages_of(batch, now, after, hyper):
 
 
 def ppo_in_torch(learner, batch, orders, hyper, clipped):
-    actor, averaged, value = (tensors(learner[name]["params"]) for name in ("actor", "averaged", "value"))
+    actor, averaged, value = (tensors(getattr(learner, name)["params"]) for name in ("actor", "averaged", "value"))
     batch = tensors(batch)
     optimisers = adam(actor, hyper.actor_lr), adam(value, hyper.critic_lr)
 

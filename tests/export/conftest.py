@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from experiments.exporting import single_states
-from jaxnav.agents.encoders import PARTS
+from jaxnav.agents import ENCODERS
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
 from jaxnav.export.modules import modules
@@ -19,7 +19,7 @@ from jaxnav.training.run import Run
 CONFIGURATIONS = {
     "lidar": ("hsac", {"encoder": "lidar"}, {}),
     "approach": (
-        "hsac", {"encoder": "lidar-approach", "heads": "per-request", "language": "codes", "mean_tanh": True},
+        "hsac", {"encoder": "lidar-approach", "heads": "per-request", "language": "codes"},
         {"pedestrians": 3, "beams": 50},
     ),
     "grid": ("hsac", {"encoder": "grid", "heads": "per-request"}, {"pedestrians": 2}),
@@ -38,7 +38,7 @@ def made(name, folder):
     base = preset("quick", algo)
     agent = dataclasses.replace(base.agent, **sizes)
     params = base.world.params.replace(max_steps=8.0)
-    world = {"observation": PARTS[agent.encoder], "params": params, "scenes": ("square", "hallway")} | world
+    world = {"observation": ENCODERS[agent.encoder].reads, "params": params, "scenes": ("square", "hallway")} | world
     world = dataclasses.replace(base.world, **world)
     run = Run(resolve(dataclasses.replace(base, agent=agent, world=world, out=str(folder / name))))
     return run, single_states.random_actor(run, seed=1)
