@@ -109,10 +109,9 @@ def train(name, options, console):
 
 def plan(options):
     """The row of the planner."""
-    policy, policy_params = methods.SCRIPTED[PLANNER]
     config = configuration(UNCHANGED, options.steps)
-    player = methods.Player(config.world.world(), config.world.params, policy)
-    plays = player(policy_params, 0, VALIDATION_SEED, options.episodes)
+    playing = methods.Playing(config.world.world(), config.world.params)
+    plays = playing(methods.SCRIPTED[PLANNER], 0, VALIDATION_SEED, options.episodes)
     return row(PLANNER, EpisodeSummary(*(leaf[None] for leaf in plays)), [])
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
-from jaxnav.training.evaluation import wilson_interval
+from jaxnav.statistics import wilson_interval
 
 RESAMPLES = 9999
 REACHED = 0.95  # success of a run that learnt its scene

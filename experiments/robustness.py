@@ -13,10 +13,10 @@ import numpy as np
 
 from experiments import study
 from jaxnav.language.table import default_table
+from jaxnav.statistics import wilson_interval
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import episode_keys, make_policy, wilson_interval
-from jaxnav.training.rollout import play
+from jaxnav.training.evaluation import play_block
 
 PROGRAM = "robustness"
 BLOCK = 500  # episodes of a scene played at once
@@ -74,19 +74,15 @@ def player(run):
     Where nothing is randomised that world is the plain one's: noise, crowds and delay are then those of ``params``.
     """
     world = preset("robust").world.world()
-    policy, count = make_policy(run.agent), len(world.scenes)
     limit = math.ceil(float(run.params.max_steps))
 
     @jax.jit
-    def block(policy_params, params, seed, first):
-        keys = jnp.tile(episode_keys(seed, first + jnp.arange(BLOCK)), count)
-        scenes = jnp.repeat(jnp.arange(count), BLOCK)
-        return play(world, params, policy, policy_params, keys, scenes, limit).arrived.reshape(count, BLOCK)
+    def block(policy, params, seed, first):
+        return play_block(world, params, policy, seed, first, BLOCK, limit=limit).arrived
 
     def arrived(actor, params, seed, episodes):
-        policy_params = actor, True, run.agent.vocabulary("test")
         params = jax.tree.map(jnp.float32, params)
-        blocks = [block(policy_params, params, np.uint32(seed), first) for first in range(0, episodes, BLOCK)]
+        blocks = [block(run.policy_of(actor), params, np.uint32(seed), first) for first in range(0, episodes, BLOCK)]
         return np.concatenate(jax.device_get(blocks), axis=1)
 
     return arrived

@@ -15,6 +15,7 @@ from experiments.tables import tuning
 from jaxnav.training.config import make_agent, preset, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.policy import Policy
 from jaxnav.training.population import Population, member
 from jaxnav.training.run import VALIDATION_SEED
 from jaxnav.world import SUITES
@@ -83,7 +84,7 @@ def train(config, every, seeds):
     steps = config.train.total_steps
     agent = make_agent(config)
     population = Population(config, agent, seeds)
-    evaluator = Evaluator(population.world, agent, config.world.params)
+    evaluator = Evaluator(population.world, config.world.params)
     # Compiled before the clock starts, on members that are thrown away.
     jax.block_until_ready(population.train(population.start(range(seeds), config.hyper), config.hyper, 1)[0])
     loop, seconds, lines, broken = population.start(range(seeds), config.hyper), 0.0, [], ()
@@ -91,7 +92,9 @@ def train(config, every, seeds):
         start = time.monotonic()
         loop, trained = population.train(loop, config.hyper, done, before=broken)
         seconds, broken = seconds + time.monotonic() - start, trained.broken
-        success = [list(evaluator.success(member(trained.policies, i), VALIDATION_SEED).values()) for i in range(seeds)]
+        policy = Policy(trained.policies, learner=agent, world=population.world)
+        of_seeds = [policy.replace(parameters=member(trained.policies, i)) for i in range(seeds)]
+        success = [list(evaluator.success(one, VALIDATION_SEED).values()) for one in of_seeds]
         lines.append(
             {"steps": done, "updates": config.agent.updates(done), "seconds": round(seconds / seeds, 2),
              "success": success, "broken": broken}

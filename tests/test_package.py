@@ -15,6 +15,8 @@ PACKAGE = Path(jaxnav.__file__).parent
 # From the ground up: a room imports only rooms that stand before it.
 ROOMS = (
     "errors",
+    "files",
+    "statistics",
     "world",
     "maps",
     "language",

@@ -20,8 +20,8 @@ from jaxnav.export.contract import origin_of
 from jaxnav.export.modules import modules
 from jaxnav.export.reference import Reference
 from jaxnav.language.table import default_table
+from jaxnav.statistics import wilson_interval
 from jaxnav.training.config import preset, resolve
-from jaxnav.training.evaluation import wilson_interval
 
 PROGRAM = "exporting.exported"
 SUITES = {"parity": "all", "hard": "hard"}  # what --scene calls them
@@ -89,7 +89,7 @@ def drive(suite, options, console):
         with modules(bundle, "policy", "navigator", "scans") as (policy, navigator, scans):
             result = {"policy": _by_policy(run, actor, policy.Policy(str(bundle)), options.seed, each)}
             console.print(f"{suite}, exported policy: {result['policy']}")
-            summaries = run.evaluator.summaries(actor, many, options.seed)
+            summaries = run.evaluator.summaries(run.policy_of(actor), many, options.seed)
             result["jax"] = {"success": float(summaries.arrived.mean()), "episodes": many * scenes}
             arrived = {}
             for name, safety in (("navigator", True), ("unsafe", False)):
@@ -121,7 +121,7 @@ def _by_policy(run, actor, policy, seed, episodes):
     reference = Reference(run, actor)
     worlds = navigated.Worlds(run, seed, episodes)
     ends = navigated.by_policy(worlds, policy, lambda state: reference.both(state, np.ones(worlds.count, bool))[0])
-    played = run.evaluator.summaries(actor, episodes, seed)
+    played = run.evaluator.summaries(run.policy_of(actor), episodes, seed)
     alike = (ends.arrived == played.arrived.ravel()) & (ends.collided == played.collided.ravel())
     return {
         "episodes": worlds.count,

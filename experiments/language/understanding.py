@@ -19,9 +19,9 @@ from experiments.tables import methods
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.language.vocabulary import vocabulary
+from jaxnav.statistics import wilson_interval
 from jaxnav.training.config import PRESETS, TrainConfig, resolve
 from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import make_policy, wilson_interval
 from jaxnav.world import SUITES
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT
 
@@ -149,18 +149,17 @@ class Player:
     """Plays robots of a suite through two compiled programs, whatever they hear."""
 
     def __init__(self, run):
-        self._messages, self._words = (
-            methods.Player(run.world, run.params, policy)
-            for policy in (methods.told(run.agent), make_policy(run.agent))
-        )
+        self._run, self._playing = run, methods.Playing(run.world, run.params)
 
     def __call__(self, actor, heard, scene, episodes, seed):
         """(arrived, hit a pedestrian), bool `[episodes]` each."""
+        policy = self._run.policy_of(actor)
         if HEARD[heard] is None:
-            played = self._messages((actor, True, None), scene, seed, episodes)
+            player = methods.Told(policy.replace(vocabulary=None))
         else:
             split, share, noise = HEARD[heard]
-            played = self._words((actor, True, vocabulary(split, share, noise)), scene, seed, episodes)
+            player = policy.replace(vocabulary=vocabulary(split, share, noise))
+        played = self._playing(player, scene, seed, episodes)
         return played.arrived, played.hit_pedestrian
 
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from jaxnav.agents.scripted import orca_robot
+from jaxnav.agents.scripted import OrcaRobot
 from jaxnav.world import Action
 from jaxnav.world.robot import arc, twist_from_action
 from jaxnav.world.types import NONE
@@ -65,7 +65,7 @@ def first_plans(key, world, params, state, keys, starts):
     def disturbed(changes):
         def step(state, now):
             key, change = now
-            twist = jnp.clip(orca_robot(None, state, world, params).twist + change, -_LIMIT, _LIMIT)
+            twist = jnp.clip(OrcaRobot()(state, world, params).twist + change, -_LIMIT, _LIMIT)
             return world.step(key, state, Action(twist=twist, request=jnp.int32(NONE)), params)[0], twist
 
         return jax.lax.scan(step, state, (keys, changes))[1]

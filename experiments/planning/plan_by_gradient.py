@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 
 from experiments import study
 from experiments.planning.gradient_plans import plan
-from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
+from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
 from jaxnav.errors import UserError
 from jaxnav.render import palette
-from jaxnav.training.evaluation import episode_keys, wilson_interval
+from jaxnav.statistics import wilson_interval
+from jaxnav.training.evaluation import episode_keys
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
@@ -26,10 +27,11 @@ PROGRAM = "planning.plan_by_gradient"
 BLOCK = 50  # episodes planned at once
 PLAN, STARTS = "plan by gradient", "best of its starts"
 SCRIPTED = {
-    "planner, talking": (planner, DialogueAbility(True, True)),
-    "planner, silent and deaf": (planner, DialogueAbility(False, False)),
-    "ORCA": (orca_robot, None), "straight line": (straight_line, None),
-}  # fmt: skip
+    "planner, talking": Planner(),
+    "planner, silent and deaf": Planner(hears=False, speaks=False),
+    "ORCA": OrcaRobot(),
+    "straight line": StraightLine(),
+}
 ROBOTS = (PLAN, STARTS, *SCRIPTED)
 
 
@@ -101,10 +103,8 @@ def programs(world, options):
     """
 
     def scripted(robot):
-        policy, ability = SCRIPTED[robot]
-
         def block(params, scene, keys):
-            done = play(world, params, policy, ability, keys, jnp.full(keys.shape, scene), options.steps)
+            done = play(world, params, SCRIPTED[robot], keys, jnp.full(keys.shape, scene), options.steps)
             return done.arrived, done.collided, done.hit_pedestrian, done.steps
 
         return jax.jit(block)

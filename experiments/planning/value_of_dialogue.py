@@ -11,15 +11,23 @@ import jax
 import jax.numpy as jnp
 
 from experiments import study
-from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
-from jaxnav.training.evaluation import episode_keys, wilson_interval
+from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
+from jaxnav.statistics import wilson_interval
+from jaxnav.training.evaluation import episode_keys
 from jaxnav.training.rollout import play
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
 PROGRAM = "planning.value_of_dialogue"
 BLOCK = 1000  # episodes played at once
-TWINS = {"planner": (True, True), "deaf": (False, True), "muted": (True, False), "deaf and muted": (False, False)}
-ROBOTS = (*TWINS, "ORCA", "straight line")
+PLAYERS = {
+    "planner": Planner(),
+    "deaf": Planner(hears=False),
+    "muted": Planner(speaks=False),
+    "deaf and muted": Planner(hears=False, speaks=False),
+    "ORCA": OrcaRobot(),
+    "straight line": StraightLine(),
+}
+ROBOTS = tuple(PLAYERS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,20 +61,16 @@ def play_scene(name, episodes, seed, advance):
     world, params = World(WorldConfig(scenes=(name,), pedestrians=pedestrians)), default_params((name,))
     limit = math.ceil(params.max_steps)
 
-    def program(policy):
-        def block(ability, first):
-            keys = episode_keys(seed, first + jnp.arange(BLOCK))
-            return play(world, params, policy, ability, keys, jnp.zeros(BLOCK, jnp.int32), limit)
+    @jax.jit
+    def block(player, first):
+        keys = episode_keys(seed, first + jnp.arange(BLOCK))
+        return play(world, params, player, keys, jnp.zeros(BLOCK, jnp.int32), limit)
 
-        return jax.jit(block)
-
-    plan, programs = program(planner), {"ORCA": program(orca_robot), "straight line": program(straight_line)}
     rows = {}
     for robot in ROBOTS:
-        ability = DialogueAbility(*map(jnp.bool_, TWINS.get(robot, (False, False))))
         counts = dict.fromkeys(("arrived", "collided", "hit_pedestrian", "truncated"), 0)
         for first in range(0, episodes, BLOCK):
-            summary = jax.device_get(programs.get(robot, plan)(ability, first))
+            summary = jax.device_get(block(PLAYERS[robot], first))
             counts = {field: count + int(getattr(summary, field).sum()) for field, count in counts.items()}
             advance()
         played = math.ceil(episodes / BLOCK) * BLOCK

@@ -2,21 +2,21 @@
 
 import dataclasses
 import json
-import math
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from flax import struct
 
 from experiments import over_seeds, study
 from jaxnav.agents.networks import message_codes
-from jaxnav.agents.scripted import DialogueAbility, orca_robot, planner, straight_line
+from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
 from jaxnav.errors import UserError
 from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.evaluation import episode_keys, make_policy
+from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.policy import Policy
 from jaxnav.training.population import Population, member
-from jaxnav.training.rollout import EpisodeSummary, play, record
+from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import SUITES
 
 BLOCK = 500  # episodes played at once
@@ -63,9 +63,9 @@ METHODS = {
     "A2C": Method("a2c"),
 }
 SCRIPTED = {
-    "straight line": (straight_line, None),
-    "ORCA": (orca_robot, None),
-    "planner": (planner, DialogueAbility(jnp.bool_(True), jnp.bool_(True))),
+    "straight line": StraightLine(),
+    "ORCA": OrcaRobot(),
+    "planner": Planner(),
 }
 
 
@@ -94,41 +94,32 @@ def configuration(method, scenes, env_steps):
     return resolve(dataclasses.replace(base, world=world, agent=agent, hyper=hyper, train=train))
 
 
-def told(agent):
-    """A policy like `make_policy`'s that knows which message a sentence stands for."""
+@struct.dataclass
+class Told:
+    """A player like a `Policy` that knows which message a sentence stands for."""
 
-    def policy(policy_params, state, world, params):
+    policy: Policy
+
+    def __call__(self, state, world, params):
         observation = world.observe(state, params)
-        return agent.answer(policy_params[0], observation, message_codes(observation.dialogue))
+        learner = self.policy.learner
+        return learner.answer(self.policy.parameters, observation, message_codes(observation.dialogue))
 
-    return policy
 
+class Playing:
+    """Plays any player in any of some scenes, through one compiled program for each kind of player."""
 
-class Player:
-    """Plays one policy in any of some scenes, through one compiled program."""
+    def __init__(self, world, params):
+        self._evaluator = Evaluator(world, params, BLOCK)
 
-    def __init__(self, world, params, policy):
-        self._limit = math.ceil(float(params.max_steps))
-        self._world, self._params, self._policy = world, params, policy
-
-        def block(policy_params, scene, seed, first):
-            keys = episode_keys(seed, first + jnp.arange(BLOCK))
-            return play(world, params, policy, policy_params, keys, jnp.full(BLOCK, scene), self._limit)
-
-        self._block = jax.jit(block)
-
-    def __call__(self, policy_params, scene, seed, episodes):
+    def __call__(self, player, scene, seed, episodes):
         """`EpisodeSummary` `[episodes]` of the scene with that index."""
-        blocks = [
-            jax.device_get(self._block(policy_params, np.int32(scene), np.uint32(seed), first))
-            for first in range(0, episodes, BLOCK)
-        ]
-        return EpisodeSummary(*(np.concatenate(leaves)[:episodes] for leaves in zip(*blocks, strict=True)))
+        summary = self._evaluator.summaries(player, episodes, seed, scenes=[scene])
+        return EpisodeSummary(*(leaf[0] for leaf in summary))
 
-    def record(self, policy_params, scene, seed):
+    def record(self, player, scene, seed):
         """The first `Episode`s that it plays there."""
-        keys = episode_keys(seed, jnp.arange(DRAWN))
-        return record(self._world, self._params, self._policy, policy_params, keys, jnp.full(DRAWN, scene), self._limit)
+        return self._evaluator.record(player, seed, np.full(DRAWN, scene), np.arange(DRAWN))
 
 
 class Programs:
@@ -137,15 +128,19 @@ class Programs:
     def __init__(self, config, seeds, is_told=False, phrases="test"):
         self.agent = make_agent(config)
         self.population = Population(config, self.agent, seeds)
-        policy = told(self.agent) if is_told else make_policy(self.agent)
-        self.player = Player(self.population.world, config.world.params, policy)
-        self.spoken = self.agent.vocabulary(phrases)
+        self.playing = Playing(self.population.world, config.world.params)
+        self._is_told, self._phrases = is_told, phrases
         self._like = None
+
+    def player(self, parameters, voice):
+        """The player with these parameters of one member."""
+        policy = Policy(parameters, voice, learner=self.agent, world=self.population.world)
+        return Told(policy) if self._is_told else policy.hearing(self._phrases)
 
     def play(self, policies, method, scene, seed, episodes):
         """`EpisodeSummary` `[seeds, episodes]` of policies `[seeds]` in the scene with that index."""
         plays = [
-            self.player((member(policies, i), method.voice, self.spoken), scene, seed, episodes)
+            self.playing(self.player(member(policies, i), method.voice), scene, seed, episodes)
             for i in range(self.population.members)
         ]
         return EpisodeSummary(*(np.stack(leaves) for leaves in zip(*plays, strict=True)))

@@ -211,10 +211,9 @@ class Table:
                 return self._kept[scene, robot, "none"]
             if not options.asked(scene):
                 return None
-            policy, policy_params = methods.SCRIPTED[robot]
             world = PRESETS["quick"].world.of_scenes((scene,))
-            player = methods.Player(world.world(), default_params((scene,)), policy)
-            summary = player(policy_params, 0, options.seed, options.seeds * options.episodes)
+            playing = methods.Playing(world.world(), default_params((scene,)))
+            summary = playing(methods.SCRIPTED[robot], 0, options.seed, options.seeds * options.episodes)
             self.runs.save(path, summary)
             self.runs.console.print(f"{robot} {scene}: success {summary.arrived.mean():.4f}")
         summary, source = self.runs.load(path, (options.seeds * options.episodes,))

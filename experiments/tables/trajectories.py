@@ -21,11 +21,11 @@ def draw(table) -> None:
             drawn = _path(folder, name, group).exists() and (name, group) not in table.played
             if not drawn and (episodes := _recorded(table, method, group)):
                 figures.trajectories(world, episodes, _path(folder, name, group), params, methods.DRAWN)
-        for name, (policy, policy_params) in methods.SCRIPTED.items():
+        for name, player in methods.SCRIPTED.items():
             asked = [i for i, scene in enumerate(group) if table.options.asked(scene)]
             if asked and not _path(folder, name, group).exists():
-                player = methods.Player(world, params, policy)
-                episodes = [e for i in asked for e in player.record(policy_params, i, table.options.seed)]
+                playing = methods.Playing(world, params)
+                episodes = [e for i in asked for e in playing.record(player, i, table.options.seed)]
                 figures.trajectories(world, episodes, _path(folder, name, group), params, methods.DRAWN)
 
 
@@ -44,5 +44,6 @@ def _recorded(table, method, group):
         if None in broken:
             programs = programs or methods.Programs(config, table.options.seeds, method.told)
             actor = member(programs.policies(folder), broken.index(None))
-            episodes += programs.player.record((actor, method.voice, programs.spoken), index, table.options.seed)
+            player = programs.player(actor, method.voice)
+            episodes += programs.playing.record(player, index, table.options.seed)
     return episodes

@@ -14,6 +14,7 @@ from experiments.tables import methods
 from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.policy import Policy
 from jaxnav.training.population import Population, member
 from jaxnav.training.run import VALIDATION_SEED
 
@@ -89,9 +90,11 @@ def tune(algo, options, console):
 
     show = methods.reporter(console, algo, config.train.episodes)
     _, trained = population.train(loop, hyper, config.train.total_steps, show)
-    evaluator, trials = Evaluator(population.world, agent, config.world.params), []
+    evaluator, trials = Evaluator(population.world, config.world.params), []
+    policies = Policy(trained.policies, learner=agent, world=population.world)
     for i in range(options.trials):
-        success = evaluator.success(member(trained.policies, i), VALIDATION_SEED)
+        policy = policies.replace(parameters=member(trained.policies, i))
+        success = evaluator.success(policy, VALIDATION_SEED)
         score = 0.0 if trained.broken[i] is not None else float(np.mean(list(success.values())))
         trials.append(
             {"hyper": {n: float(v[i]) for n, v in values.items()}, "success": success, "score": score,

@@ -4,13 +4,14 @@ They know the map, and of people what the scene gives. Where people have to be r
 tracker: position and velocity of whoever stands in front of the laser with no wall between.
 """
 
-from typing import NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 
-from ..world import Action
+from ..world import Action, Params, State, World
 from ..world.dialogue import fitting_request, may_request
 from ..world.geometry import closest_approach, cross2d, norm, unit
 from ..world.linear_program import solve
@@ -22,17 +23,42 @@ from ..world.types import LEFT, NONE, REFUSES, RIGHT, STOP
 from ..world.walls import wall_clearance
 
 
-def straight_line(policy_params, state, world, params):
+@struct.dataclass
+class StraightLine:
     """Full speed toward the goal, silent: the yardstick of a scene's hardness (docs/world.md section 2)."""
-    del policy_params, world
-    robot = state.robot
-    turn = _turn_toward(robot, robot.goal_x - robot.x, robot.goal_y - robot.y, params)
-    return Action(twist=jnp.stack([jnp.ones_like(turn), turn]), request=jnp.int32(NONE))
+
+    def __call__(self, state: State, world: World, params: Params) -> Action:
+        del world
+        robot = state.robot
+        turn = _turn_toward(robot, robot.goal_x - robot.x, robot.goal_y - robot.y, params)
+        return Action(twist=jnp.stack([jnp.ones_like(turn), turn]), request=jnp.int32(NONE))
 
 
-def orca_robot(policy_params, state, world, params):
+@struct.dataclass
+class OrcaRobot:
     """Toward the goal by way of the passage, as an ORCA agent that expects people to do their half; silent and deaf."""
-    del policy_params
+
+    def __call__(self, state: State, world: World, params: Params) -> Action:
+        return _orca_action(state, world, params)
+
+
+@struct.dataclass
+class Planner:
+    """The best of some fifty short plans, judged by where people will be: what was said and agreed tells it.
+
+    It asks as soon as it may, obeys, and knows the announced plan; who said nothing is expected to walk on as before.
+
+    hears, speaks: whether it uses what people say and makes requests, bool; without them it is deaf and muted.
+    """
+
+    hears: Any = True
+    speaks: Any = True
+
+    def __call__(self, state: State, world: World, params: Params) -> Action:
+        return _planned_action(self, state, world, params)
+
+
+def _orca_action(state, world, params):
     robot, people, walls = state.robot, state.pedestrians, world.walls(state.scene)
     vx, vy = robot.v * jnp.cos(robot.heading), robot.v * jnp.sin(robot.heading)
     near = near_walls(robot.x, robot.y, walls, params.time_horizon_walls * params.max_v + params.robot_radius, 4)
@@ -60,13 +86,6 @@ def orca_robot(policy_params, state, world, params):
     return Action(twist=jnp.stack([2.0 * ahead / params.max_v - 1.0, turn]), request=jnp.int32(NONE))
 
 
-class DialogueAbility(NamedTuple):
-    """What of the dialogue a `planner` uses: whether it hears, whether it speaks."""
-
-    hears: bool
-    speaks: bool
-
-
 _HORIZON = 9  # steps that are thought ahead
 _MARGIN = 0.35  # gap to people below which a plan costs, m
 _DETOURS = np.deg2rad(np.arange(-90, 91, 15)).astype(np.float32)
@@ -76,12 +95,7 @@ _PLANS = np.array(
 )
 
 
-def planner(ability, state, world, params):
-    """The best of some fifty short plans, judged by where people will be: what was said and agreed tells it.
-
-    It asks as soon as it may, obeys, and knows the announced plan; who said nothing is expected to walk on as before. A
-    `DialogueAbility` makes its deaf and its muted twin.
-    """
+def _planned_action(ability, state, world, params):
     robot, walls = state.robot, world.walls(state.scene)
     target_x, target_y = _local_goal(state, world, walls, params)
     direct = jnp.arctan2(target_y - robot.y, target_x - robot.x)

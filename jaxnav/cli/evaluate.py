@@ -50,9 +50,9 @@ def command(arguments):
     scenes = [scene.name for scene in run.world.scenes]
     if options.scene not in ("all", *scenes):
         raise UserError(f"--scene {options.scene!r} is not in this run: choose all or one of {', '.join(scenes)}")
-    actor = run.actor(run.restore(), options.policy)
+    policy = run.policy(options.policy)
     with Console(stderr=True).status("evaluating"):
-        result = run.evaluator.evaluate(actor, options.policy, options.episodes, options.seed, options.phrases)
+        result = run.evaluator.evaluate(policy, options.policy, options.episodes, options.seed, options.phrases)
     if run.agent.vocabulary(options.phrases) is not None:
         result["phrases"] = options.phrases
     if options.scene != "all":

@@ -33,18 +33,19 @@ def command(arguments):
     check_policy(options.policy)
     enable_compilation_cache()
     run = Run.open(options.run)
-    actor = run.actor(run.restore(), options.policy)
+    policy = run.policy(options.policy)
     with Console(stderr=True).status("drawing"):
-        paths = draw(run, actor, options.seed)
+        paths = draw(run, policy, options.seed)
     print("\n".join(str(path) for path in paths))
 
 
-def draw(run, actor, seed):
+def draw(run, policy, seed):
     """Draw trajectories.png, episode.gif and learning_curve.png; returns their paths."""
     from ..render import animation, figures
 
     lines = run.metrics()
-    episodes = run.record(actor, seed, *_worth_drawing(run.evaluator.summaries(actor, EPISODES, seed)))
+    worth = _worth_drawing(run.evaluator.summaries(policy, EPISODES, seed))
+    episodes = run.evaluator.record(policy, seed, *worth)
     drawn = {
         "trajectories.png": lambda path: figures.trajectories(run.world, episodes, path, run.params, EPISODES),
         "episode.gif": lambda path: animation.animate(run.world, run.params, _worth_watching(episodes), path),

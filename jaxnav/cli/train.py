@@ -81,15 +81,15 @@ def _finish(run, progress, console):
     """Evaluate, draw and export what was trained, and say where it is."""
     from .export import write
 
-    seed, actor = run.config.seed, run.actor(progress, "last")
+    seed, policy = run.config.seed, run.policy("last", progress)
     with console.status("evaluating"):
-        result = run.evaluator.evaluate(actor, "last", EPISODES, seed)
+        result = run.evaluator.evaluate(policy, "last", EPISODES, seed)
     run.write_json("evaluation.json", result)
     print_result(Console(), result)
     with console.status("drawing"):
-        draw(run, actor, seed)
+        draw(run, policy, seed)
     with console.status("exporting"):
-        write(run, actor, "last", run.folder / "bundle")
+        write(run, policy.parameters, "last", run.folder / "bundle")
     names = (
         "bundle/", "evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl",
         "config.json",

@@ -30,7 +30,7 @@ class Reference:
         """`Episode` s of the policy, that many in each scene."""
         scenes = np.repeat(np.arange(len(self._run.world.scenes)), episodes)
         indices = np.tile(np.arange(episodes), len(self._run.world.scenes))
-        return self._run.record(self._actor, seed, scenes, indices)
+        return self._run.evaluator.record(self._run.policy_of(self._actor), seed, scenes, indices)
 
     def sample(self, episodes, count, seed):
         """(inputs, outputs) `[count, ...]` by name in ``count`` states drawn from ``episodes``.

@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ..training.config import HSACRunConfig
-from .judge import CONFIRM_SEED, SEARCH_SEED
 from .progress import better_first
 from .results import Trial
 from .spec import FRESH_SEED, Sweep
 from .store import Store, Study, distributions
 from .worker import PopulationJob
+
+SEARCH_SEED, CONFIRM_SEED = 2**31 + 1, 2**31 + 2  # of the episodes; apart, so that no winner is chosen on its own exam
 
 Sizes = dict[str, Any]  # values of static fields by dotted name
 

@@ -28,7 +28,7 @@ class Range:
 
 
 def mean_success(scenes: Mapping[str, Any]) -> float:
-    """Mean success over the scenes. scenes: metrics by scene, as `judge.metrics` gives them."""
+    """Mean success over the scenes. scenes: `jaxnav.training.evaluation.metrics` by scene."""
     return float(np.mean([metrics["success"] for metrics in scenes.values()]))
 
 

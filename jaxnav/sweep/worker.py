@@ -19,8 +19,9 @@ import numpy as np
 from ..training.checkpoint import Checkpoints
 from ..training.config import HSACRunConfig, make_agent
 from ..training.dataclass_json import to_json
+from ..training.evaluation import Evaluator, scene_metrics
+from ..training.policy import Policy
 from ..training.population import Population
-from .judge import PopulationEvaluator
 from .spec import get
 
 LOSSES = (
@@ -75,7 +76,7 @@ class SlotFill:
 class Round:
     """The result of a round.
 
-    scenes:  for each slot the metrics of every scene (`judge.metrics`).
+    scenes:  for each slot the metrics of every scene (`jaxnav.training.evaluation.scene_metrics`).
     losses:  for each slot its mean losses by name.
     broken:  for each slot whether its numbers are no longer finite.
     seconds: the time it took to train and to judge.
@@ -100,11 +101,37 @@ class _Held:
     saved: float
 
 
+class _Judge:
+    """Plays all members of a population at once, through one program that is compiled ahead of its first use."""
+
+    def __init__(self, population, params, agent, episodes):
+        self._evaluator = Evaluator(population.world, params, episodes, members=True)
+        self._policy = Policy(population.policy_shapes(), True, learner=agent, world=population.world)
+        self._episodes = episodes
+
+    def compile(self):
+        self._evaluator.compile(self._policy.hearing("validation"))
+
+    @property
+    def bytes_needed(self):
+        self.compile()
+        return self._evaluator.bytes_needed
+
+    def __call__(self, parameters, seed, phrases):
+        """The metrics of each member, by scene."""
+        policies = self._policy.replace(parameters=parameters).hearing(phrases)
+        self.compile()
+        played = self._evaluator.summaries(policies, self._episodes, seed)
+        world = self._evaluator.world
+        members = range(played.arrived.shape[0])
+        return [scene_metrics(world, jax.tree.map(lambda leaf, i=i: leaf[i], played)) for i in members]
+
+
 class Worker:
     """Holds populations and trains them. Populations that are alike share a compiled program."""
 
     def __init__(self) -> None:
-        self._programs: dict[str, tuple[Population, PopulationEvaluator]] = {}
+        self._programs: dict[str, tuple[Population, _Judge]] = {}
         self._held: dict[str, _Held] = {}
 
     def advance(self, job: PopulationJob, round: int, fills: list[SlotFill]) -> Round:
@@ -142,15 +169,13 @@ class Worker:
         """Free the memory of a population that is done."""
         self._held.pop(name, None)
 
-    def _program(self, job: PopulationJob) -> tuple[Population, PopulationEvaluator]:
+    def _program(self, job: PopulationJob) -> tuple[Population, _Judge]:
         key = job.program()
         if key not in self._programs:
             config, agent = job.config, make_agent(job.config)
             own = tuple(name.rpartition(".")[2] for name in job.floats if name.startswith("world."))
             population = Population(config, agent, job.members, own)
-            judge = PopulationEvaluator(
-                population.world, config.world.params, agent, job.episodes, population.policy_shapes()
-            )
+            judge = _Judge(population, config.world.params, agent, job.episodes)
             self._programs[key] = population, judge
         return self._programs[key]
 

@@ -1,102 +1,157 @@
-"""Evaluation: the seven metrics with Wilson intervals, beside the straight-line robot and the muted policy.
+"""Evaluation: the metrics of docs/world.md section 9, beside the straight-line robot and the muted policy.
 
-docs/world.md section 9. The first episode of each environment only, most probable request and mean twist.
+The first episode of each environment only, most probable request and mean twist.
 """
 
 import math
 import time
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..agents.scripted import straight_line
+from ..agents.scripted import StraightLine
+from ..statistics import mean_or_none, wilson_interval
+from ..world import Params, World
 from ..world.types import REQUESTS
-from .rollout import EpisodeSummary, play
+from .policy import Policy
+from .rollout import Either, Episode, EpisodeSummary, Player, play, record
 
 BLOCK = 500  # episodes of each scene that are played at once: one compiled program whatever the number asked for
+
+# The seed of evaluations during training; those that count use the seed of the run or of the command.
+VALIDATION_SEED = 2**31
 
 _EVALUATION = 0x4556414C  # what sets the keys of evaluation apart from those of training
 
 
-def wilson_interval(successes, trials, z=1.959964):
-    """95 % confidence interval of a proportion (Wilson 1927)."""
-    if trials == 0:
-        return [0.0, 1.0]
-    p, z2 = successes / trials, z * z
-    centre = (p + z2 / (2 * trials)) / (1 + z2 / trials)
-    half = z / (1 + z2 / trials) * math.sqrt(p * (1 - p) / trials + z2 / (4 * trials * trials))
-    # At both ends the interval closes there exactly, without an error of rounding.
-    return [0.0 if successes == 0 else centre - half, 1.0 if successes == trials else centre + half]
-
-
-def make_policy(agent):
-    """A `Policy` whose parameters are (actor parameters, voice, spoken): without voice every request is none; spoken: the
-    `Vocabulary` that people use, None for an agent that hears codes."""
-
-    def policy(policy_params, state, world, params):
-        actor, voice, spoken = policy_params
-        return agent.best_action(actor, world.observe(state, params), voice, spoken)
-
-    return policy
-
-
-def episode_keys(seed, indices):
-    """Keys of the evaluation episodes with these indices; no key of training, whatever the seeds."""
+def episode_keys(seed: Any, indices: Any) -> jax.Array:
+    """Keys `[E]` of the evaluation episodes with these indices `[E]`; no key of training, whatever the seeds."""
     base = jax.random.fold_in(jax.random.key(seed), _EVALUATION)
-    return jax.vmap(lambda i: jax.random.fold_in(base, i))(indices)
+    return jax.vmap(lambda i: jax.random.fold_in(base, i))(jnp.asarray(indices))
+
+
+def play_block(
+    world: World, params: Params, player: Player, seed: Any, first: Any, count: int, scenes: Any = None,
+    limit: int | None = None,
+) -> EpisodeSummary:  # fmt: skip
+    """Play the ``count`` evaluation episodes from index ``first`` on in each scene: leaves `[scenes, count]`.
+
+    scenes: indices `[scenes]`, None for all of the world. The keys are the same in every scene and for every player:
+    differences between players are not luck. limit: steps to run, ``params.max_steps`` if not given.
+    """
+    scenes = jnp.arange(len(world.scenes)) if scenes is None else scenes
+    keys = jnp.tile(episode_keys(seed, first + jnp.arange(count)), scenes.size)
+    limit = math.ceil(float(np.max(params.max_steps))) if limit is None else limit
+    summary = play(world, params, player, keys, jnp.repeat(scenes, count), limit)
+    return jax.tree.map(lambda leaf: leaf.reshape(scenes.size, count), summary)
+
+
+def metrics(played: EpisodeSummary) -> dict[str, Any]:
+    """What episodes `[episodes]` of one scene came to; these keys stand in evaluation.json and wherever else.
+
+    success, collision, human_collision, timeout: shares of the episodes.
+    success_ci95:        Wilson's interval of success, [low, high].
+    steps, min_distance: means over the episodes that arrived (m), None if none did.
+    comfort:             share of all steps with every pedestrian beyond ``params.comfort_distance``.
+    requests:            share of episodes by their first request.
+    complied:            share of a yes among requests that got a reply, None if none did.
+    """
+    arrived = played.arrived
+    return {
+        "success": float(arrived.mean()),
+        "success_ci95": wilson_interval(int(arrived.sum()), arrived.size),
+        "collision": float(played.collided.mean()),
+        "human_collision": float(played.hit_pedestrian.mean()),
+        "timeout": float(played.truncated.mean()),
+        "steps": mean_or_none(played.steps[arrived]),
+        "min_distance": mean_or_none(played.min_distance[arrived]),
+        "comfort": float(played.comfortable_steps.sum() / played.steps.sum()),
+        "requests": {name: float((played.request == request).mean()) for request, name in enumerate(REQUESTS)},
+        "complied": mean_or_none(played.agreed[played.replied]),
+    }
+
+
+def scene_metrics(world: World, played: EpisodeSummary) -> dict[str, dict[str, Any]]:
+    """`metrics` by the names of a world's scenes. played: `[scenes, episodes]`."""
+    return {scene.name: metrics(_row(played, i)) for i, scene in enumerate(world.scenes)}
 
 
 class Evaluator:
-    """Plays the policy, its muted twin and the straight line through one compiled program."""
+    """Plays any player, and in the same compiled program the straight-line robot, in the scenes of a world.
 
-    def __init__(self, world, agent, params):
-        self.world, self.params, self.agent = world, params, agent
-        scenes = jnp.repeat(jnp.arange(len(world.scenes)), BLOCK)
-        limit = math.ceil(float(params.max_steps))
-        policy = make_policy(agent)
+    block: episodes of each scene that are played at once, `BLOCK` if not given.
+    members: whether players are policies of a population, with parameters `[members, ...]`; summaries are then
+        `[members, scenes, episodes]`.
+    """
 
-        def either(policy_params, state, world, params):
-            actor, voice, spoken, straight = policy_params
-            learnt = policy((actor, voice, spoken), state, world, params)
-            ruled = straight_line(None, state, world, params)
-            return jax.tree.map(lambda a, b: jnp.where(straight, a, b), ruled, learnt)
+    def __init__(self, world: World, params: Params, block: int | None = None, members: bool = False):
+        self.world, self.params, self.block, self.members = world, params, block or BLOCK, members
+        self._program = jax.jit(self._play)
+        self._compiled: Any = None
 
-        def block(actor, voice, spoken, straight, seed, first):
-            # The same keys in every scene and for every robot: differences between robots are not luck.
-            keys = jnp.tile(episode_keys(seed, first + jnp.arange(BLOCK)), len(world.scenes))
-            summary = play(world, params, either, (actor, voice, spoken, straight), keys, scenes, limit)
-            return jax.tree.map(lambda leaf: leaf.reshape(len(world.scenes), BLOCK), summary)
+    def _play(self, player, straight, seed, first, scenes):
+        def one(player):
+            both = Either(straight, StraightLine(), player)
+            return play_block(self.world, self.params, both, seed, first, self.block, scenes)
 
-        self._block = jax.jit(block)
+        if not self.members:
+            return one(player)
+        return jax.vmap(one, in_axes=(player.replace(parameters=0, voice=None, vocabulary=None),))(player)
 
-    def summaries(self, actor, episodes, seed, voice=True, straight=False, phrases="test") -> EpisodeSummary:
+    def compile(self, player: Any) -> None:
+        """Compile the program for players of these shapes, unless that is done: it then serves all scenes alone."""
+        if self._compiled is None:
+            self._compiled = self._program.lower(player, False, np.uint32(0), 0, None).compile()
+
+    @property
+    def bytes_needed(self) -> int:
+        """Of the device's memory while it plays what `compile` was given."""
+        found = self._compiled.memory_analysis()
+        return found.output_size_in_bytes + found.temp_size_in_bytes
+
+    def summaries(
+        self, player: Any, episodes: int, seed: int, straight: bool = False, scenes: Any = None
+    ) -> EpisodeSummary:
         """Numpy summaries `[scenes, episodes]`; the first n of more episodes are the same n.
 
-        phrases: the split from which people speak.
+        straight: play the straight-line robot instead of the player; scenes: indices, None for all.
         """
-        spoken = self.agent.vocabulary(phrases)
+        program = self._compiled or self._program
+        where = None if scenes is None else jnp.asarray(scenes, jnp.int32)
         blocks = [
-            jax.device_get(self._block(actor, voice, spoken, straight, np.uint32(seed), first))
-            for first in range(0, episodes, BLOCK)
+            jax.device_get(program(player, straight, np.uint32(seed), first, where))
+            for first in range(0, episodes, self.block)
         ]
-        return EpisodeSummary(*(np.concatenate(leaves, axis=1)[:, :episodes] for leaves in zip(*blocks, strict=True)))
+        return EpisodeSummary(
+            *(np.concatenate(leaves, axis=-1)[..., :episodes] for leaves in zip(*blocks, strict=True))
+        )
 
-    def success(self, actor, seed):
-        """Success in each scene over `BLOCK` episodes, with validation phrases: what training logs."""
-        arrived = self.summaries(actor, BLOCK, seed, phrases="validation").arrived
+    def record(self, player: Any, seed: int, scenes: Any, episodes: Any) -> list[Episode]:
+        """Whole evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
+        limit = math.ceil(float(np.max(self.params.max_steps)))
+        keys = episode_keys(seed, jnp.asarray(episodes))
+        return record(self.world, self.params, player, keys, jnp.asarray(scenes), limit)
+
+    def success(self, policy: Policy, seed: int) -> dict[str, float]:
+        """Success in each scene over one block, with validation phrases: what training logs."""
+        arrived = self.summaries(policy.hearing("validation"), self.block, seed).arrived
         return {scene.name: float(rate) for scene, rate in zip(self.world.scenes, arrived.mean(axis=1), strict=True)}
 
-    def evaluate(self, actor, policy_name, episodes, seed, phrases="test"):
-        """The contents of evaluation.json; ``complied`` is a share of the requests that got a reply."""
-        start = time.monotonic()
-        played = self.summaries(actor, episodes, seed, phrases=phrases)
-        muted = self.summaries(actor, episodes, seed, voice=False, phrases=phrases)
-        straight = self.summaries(actor, episodes, seed, straight=True, phrases=phrases)
-        scenes = {
-            scene.name: _scene_metrics(*(EpisodeSummary(*(leaf[i] for leaf in s)) for s in (played, muted, straight)))
-            for i, scene in enumerate(self.world.scenes)
-        }
+    def evaluate(
+        self, policy: Policy, policy_name: str, episodes: int, seed: int, phrases: str = "test"
+    ) -> dict[str, Any]:
+        """The contents of evaluation.json: `metrics` of each scene, beside the straight line and the muted policy."""
+        start, policy = time.monotonic(), policy.hearing(phrases)
+        played = self.summaries(policy, episodes, seed)
+        muted = self.summaries(policy.muted(), episodes, seed)
+        straight = self.summaries(policy, episodes, seed, straight=True)
+        scenes = scene_metrics(self.world, played)
+        for i, found in enumerate(scenes.values()):
+            found["straight_line_success"] = float(straight.arrived[i].mean())
+            found["muted_success"] = float(muted.arrived[i].mean())
+            found["muted_min_distance"] = mean_or_none(muted.min_distance[i][muted.arrived[i]])
         return {
             "policy": policy_name,
             "episodes": episodes,
@@ -106,25 +161,5 @@ class Evaluator:
         }
 
 
-def _scene_metrics(played, muted, straight):
-    episodes = played.arrived.size
-    return {
-        "success": float(played.arrived.mean()),
-        "success_ci95": wilson_interval(int(played.arrived.sum()), episodes),
-        "collision": float(played.collided.mean()),
-        "human_collision": float(played.hit_pedestrian.mean()),
-        "timeout": float(played.truncated.mean()),
-        "steps": _mean(played.steps[played.arrived]),
-        "min_distance": _mean(played.min_distance[played.arrived]),
-        "comfort": float(played.comfortable_steps.sum() / played.steps.sum()),
-        "straight_line_success": float(straight.arrived.mean()),
-        "muted_success": float(muted.arrived.mean()),
-        "muted_min_distance": _mean(muted.min_distance[muted.arrived]),
-        "requests": {name: float((played.request == request).mean()) for request, name in enumerate(REQUESTS)},
-        "complied": _mean(played.agreed[played.replied]),
-    }
-
-
-def _mean(values):
-    """Mean as a float, None of nothing."""
-    return float(np.mean(values)) if values.size else None
+def _row(summary: EpisodeSummary, i: int) -> EpisodeSummary:
+    return EpisodeSummary(*(leaf[i] for leaf in summary))

@@ -1,27 +1,47 @@
-"""Episodes played with a policy: the first one of each environment, for evaluation and for pictures."""
+"""Episodes played by a player: the first one of each environment, for evaluation and for pictures."""
 
 import dataclasses
 import functools
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 
-from ..world import Outcome, State
+from ..world import Action, Outcome, Params, State, World
 from ..world.types import AGREES, NONE
 
-# A policy is a function (policy parameters, State, World, Params) -> Action of one episode.
-Policy = Callable
+
+class Player(Protocol):
+    """Whatever drives the robot: a pytree that is called with a state. A `Policy`, a scripted robot, your own."""
+
+    def __call__(self, state: State, world: World, params: Params) -> Action:
+        """The action in one state of one episode."""
+        ...
+
+
+@struct.dataclass
+class Either:
+    """Two players in one program: the first where ``choose_first``, else the second."""
+
+    choose_first: Any
+    first: Any
+    second: Any
+
+    def __call__(self, state: State, world: World, params: Params) -> Action:
+        first, second = self.first(state, world, params), self.second(state, world, params)
+        return jax.tree.map(lambda a, b: jnp.where(self.choose_first, a, b), first, second)
 
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """One recorded episode of n steps, as numpy arrays: states has leaves `[n + 1, ...]`, outcomes `[n, ...]`.
+    """One recorded episode of n steps, as numpy arrays.
 
-    speech: for each state the lines (speaker, sentence) to show with it, where somebody spoke in words of their own.
+    scene:    its name.
+    states:   `State` with leaves `[n + 1, ...]`.
+    outcomes: `Outcome` with leaves `[n, ...]`.
+    speech:   for each state the lines (speaker, sentence) to show with it, where somebody spoke in their own words.
     """
 
     scene: str
@@ -30,27 +50,37 @@ class Episode:
     speech: list | None = None
 
     @property
-    def present(self):
+    def present(self) -> np.ndarray:
         """Indices of the pedestrians who are there."""
         return np.flatnonzero(self.states.pedestrians.present[0])
 
 
 class EpisodeSummary(NamedTuple):
-    """What an episode came to; leaves `[episodes]`."""
+    """What an episode came to; leaves `[episodes]`.
 
-    arrived: chex.Array
-    collided: chex.Array
-    hit_pedestrian: chex.Array
-    truncated: chex.Array
-    steps: chex.Array
-    min_distance: chex.Array
-    comfortable_steps: chex.Array
-    request: chex.Array  # the first request that counted
-    replied: chex.Array
-    agreed: chex.Array
+    arrived, collided, hit_pedestrian, truncated: how it ended, bool; a collision may be with a pedestrian.
+    steps:             until it ended.
+    min_distance:      smallest distance to a pedestrian's surface, m.
+    comfortable_steps: steps with every pedestrian beyond ``params.comfort_distance``.
+    request:           the first request that counted, 0 of none.
+    replied, agreed:   whether a request got a reply, and a yes.
+    """
+
+    arrived: Any
+    collided: Any
+    hit_pedestrian: Any
+    truncated: Any
+    steps: Any
+    min_distance: Any
+    comfortable_steps: Any
+    request: Any
+    replied: Any
+    agreed: Any
 
 
-def play(world, params, policy, policy_params, keys, scenes, limit):
+def play(
+    world: World, params: Params, player: Player, keys: jax.Array, scenes: jax.Array, limit: int
+) -> EpisodeSummary:
     """Play one episode for each key and scene index `[E]` and return its `EpisodeSummary` `[E]`.
 
     limit: the number of steps to run, at least ``params.max_steps``.
@@ -64,7 +94,7 @@ def play(world, params, policy, policy_params, keys, scenes, limit):
 
         def step(carry, key):
             state, summary, done = carry
-            action = policy(policy_params, state, world, params)
+            action = player(state, world, params)
             state, outcome = world.step(key, state, action, params)
             now = EpisodeSummary(
                 arrived=outcome.arrived,
@@ -87,16 +117,18 @@ def play(world, params, policy, policy_params, keys, scenes, limit):
     return jax.vmap(one)(keys, scenes)
 
 
-def record(world, params, policy, policy_params, keys, scenes, limit):
-    """Play like `play` and keep everything: a list of `Episode`."""
-    states, outcomes = jax.device_get(_record(world, params, policy, policy_params, keys, scenes, limit))
+def record(
+    world: World, params: Params, player: Player, keys: jax.Array, scenes: jax.Array, limit: int
+) -> list[Episode]:
+    """Play like `play` and keep everything."""
+    states, outcomes = jax.device_get(_record(world, params, player, keys, scenes, limit))
     episodes = []
     for i, scene in enumerate(np.asarray(scenes)):
         ended = outcomes.terminated[i] | outcomes.truncated[i]
         n = int(np.argmax(ended)) + 1 if ended.any() else limit
         episodes.append(
             Episode(
-                scene=world.config.scenes[int(scene)],
+                scene=world.scenes[int(scene)].name,
                 states=jax.tree.map(lambda leaf, i=i, n=n: leaf[i, : n + 1], states),
                 outcomes=jax.tree.map(lambda leaf, i=i, n=n: leaf[i, :n], outcomes),
             )
@@ -104,8 +136,8 @@ def record(world, params, policy, policy_params, keys, scenes, limit):
     return episodes
 
 
-@functools.partial(jax.jit, static_argnames=("world", "policy", "limit"))
-def _record(world, params, policy, policy_params, keys, scenes, limit):
+@functools.partial(jax.jit, static_argnames=("world", "limit"))
+def _record(world, params, player, keys, scenes, limit):
     """States `[E, limit + 1]` and outcomes `[E, limit]`, those after an episode's end included."""
 
     def one(key, scene):
@@ -113,7 +145,7 @@ def _record(world, params, policy, policy_params, keys, scenes, limit):
         state = world.reset(key_reset, params, scene)
 
         def step(state, key):
-            action = policy(policy_params, state, world, params)
+            action = player(state, world, params)
             state, outcome = world.step(key, state, action, params)
             return state, (state, outcome)
 

@@ -5,7 +5,6 @@ import dataclasses
 import errno
 import functools
 import json
-import math
 import os
 import pathlib
 import signal
@@ -24,14 +23,11 @@ from .checkpoint import Checkpoints
 from .config import RunConfig, make_agent, resolve, run_from_json
 from .dataclass_json import differences, to_json
 from .devices import Layout, check_shards, everybodys, is_first, together
-from .evaluation import Evaluator, episode_keys, make_policy
+from .evaluation import VALIDATION_SEED, Evaluator
 from .loop import LoopState, Trainer
 from .memory import check_memory
+from .policy import Policy
 from .provenance import provenance
-from .rollout import record
-
-# The seed of evaluations during training; those that count use the seed of the run or of the command.
-VALIDATION_SEED = 2**31
 
 # Fields that may differ between a run and the command that resumes it: they don't change what is computed.
 _FREE_FIELDS = ("out", "resume", "train.checkpoint_seconds")
@@ -86,8 +82,7 @@ class Run:
             shards=layout.shards,
             vmap=layout.vmap,
         )
-        self.evaluator = Evaluator(self.world, self.agent, self.params)
-        self._policy = make_policy(self.agent)  # once: what is compiled for it then serves every recording
+        self.evaluator = Evaluator(self.world, self.params)
         self._hyper = jax.tree.map(jnp.float32, config.hyper)
         compared = to_json(config)
         for *path, name in (field.split(".") for field in _FREE_FIELDS):
@@ -226,7 +221,7 @@ class Run:
         if chunks % self.config.train.evaluate_every and counter < self.config.train.total_steps:
             return progress
         actor = self.layout.local(self.agent.policy(progress.loop.learner))
-        line["evaluation"] = self.evaluator.success(actor, VALIDATION_SEED)
+        line["evaluation"] = self.evaluator.success(self.policy_of(actor), VALIDATION_SEED)
         return progress.replace(best=self._better(progress, actor, counter, min(line["evaluation"].values())))
 
     def _better(self, progress, actor, counter, score):
@@ -244,18 +239,23 @@ class Run:
         progress, _ = Checkpoints(folder).restore(self._like(), self._compared)
         return progress.replace(loop=self.layout.place(progress.loop))
 
+    def policy(self, which: str = "last", progress: Progress | None = None) -> Policy:
+        """The policy that is last or best in ``progress``, in the newest checkpoint if that is not given.
+
+        UserError: there is no checkpoint, or was no evaluation yet to be best in.
+        """
+        return self.policy_of(self.actor(self.restore() if progress is None else progress, which))
+
+    def policy_of(self, parameters) -> Policy:
+        """The `Policy` with these parameters, among people who speak phrases of the test split."""
+        vocabulary = self.agent.vocabulary("test")
+        return Policy(parameters, True, vocabulary, learner=self.agent, world=self.world, config=self.config)
+
     def actor(self, progress, which):
         """Actor parameters: ``which`` is last or best; UserError if there was no evaluation yet to be best in."""
         if which == "best" and progress.best.score < 0:
             raise UserError(f"{self.folder} has no best policy before its first evaluation: give --policy last")
         return progress.best.actor if which == "best" else self.layout.local(self.agent.policy(progress.loop.learner))
-
-    def record(self, actor, seed, scenes, episodes):
-        """Recorded evaluation episodes: those with indices ``episodes`` `[E]`, in the scenes ``scenes`` `[E]`."""
-        keys = episode_keys(seed, jnp.asarray(episodes))
-        limit = math.ceil(float(self.params.max_steps))
-        policy_params = actor, True, self.agent.vocabulary("test")  # as in an evaluation
-        return record(self.world, self.params, self._policy, policy_params, keys, jnp.asarray(scenes), limit)
 
     def metrics(self):
         """The lines of metrics.jsonl; one that a kill cut off at the end is left out."""

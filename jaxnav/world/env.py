@@ -116,6 +116,16 @@ class World:
         # One scene is a constant: nothing is looked up.
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), self._wall_table).replace(cells=self._cells)
 
+    def _key(self):
+        # What two worlds have to share to be the same: then what was compiled for one serves the other.
+        return self.config, tuple(id(scene) for scene in self.scenes)
+
+    def __eq__(self, other):
+        return isinstance(other, World) and self._key() == other._key()
+
+    def __hash__(self):
+        return hash(self._key())
+
     @property
     def default_params(self) -> Params:
         """`Params` of the people in its scenes; ValueError where they are not the same people."""

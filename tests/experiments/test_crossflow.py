@@ -57,12 +57,17 @@ def done(monkeypatch):
     """What is trained, in order."""
     FakePrograms.done = []
 
-    def player(world, params, policy):
-        assert policy is methods.SCRIPTED["planner"][0] and [scene.name for scene in world.scenes] == ["crossflow"]
-        return lambda policy_params, scene, seed, episodes: EpisodeSummary(*(leaf[0] for leaf in summary([10])))
+    def playing(world, params):
+        assert [scene.name for scene in world.scenes] == ["crossflow"]
+
+        def play(player, scene, seed, episodes):
+            assert player is methods.SCRIPTED["planner"]
+            return EpisodeSummary(*(leaf[0] for leaf in summary([10])))
+
+        return play
 
     monkeypatch.setattr(methods, "Programs", FakePrograms)
-    monkeypatch.setattr(methods, "Player", player)
+    monkeypatch.setattr(methods, "Playing", playing)
     return FakePrograms.done
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest, bootstrap, trim_mean
 
 from experiments import over_seeds
-from jaxnav.training.evaluation import wilson_interval
+from jaxnav.statistics import wilson_interval
 
 from .tables.made_up import scenes
 

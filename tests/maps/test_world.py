@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxnav import Action, Params, World, WorldConfig
-from jaxnav.agents.scripted import straight_line
+from jaxnav.agents.scripted import StraightLine
 from jaxnav.maps import polygons, visibility
 from jaxnav.training.config import WorldSettings
 from jaxnav.world.walls import time_to_walls, wall_clearance
@@ -71,7 +71,7 @@ def test_a_straight_robot_meets_somebody(office):
     @jax.vmap
     def minimum(key):
         def step(state, key):
-            return world.step(key, state, straight_line(None, state, world, params), params)[0], None
+            return world.step(key, state, StraightLine()(state, world, params), params)[0], None
 
         return jax.lax.scan(step, world.reset(key, params), jax.random.split(key, 30))[0].min_distance
 

@@ -6,22 +6,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import struct
 
-from jaxnav.agents.scripted import straight_line
+from jaxnav.agents.scripted import StraightLine
 from jaxnav.render.words import ending as ending_of
 from jaxnav.render.words import utterances
 from jaxnav.training.rollout import record
 from jaxnav.world import Action, Params, World, WorldConfig, dialogue
 
 
-def talker(policy_params, state, world, params):
+@struct.dataclass
+class Talker:
     """Drives straight and asks for what fits; stands still while it is asked to stop."""
-    action = straight_line(policy_params, state, world, params)
-    encounters = state.encounters
-    fitting = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(state.robot, state.pedestrians)
-    stops = jnp.any(encounters.is_open & (encounters.message == 1))
-    forward = jnp.where(stops, -1.0, action.twist[0])
-    return Action(twist=action.twist.at[0].set(forward), request=fitting[jnp.argmin(encounters.distance)])
+
+    def __call__(self, state, world, params):
+        action = StraightLine()(state, world, params)
+        encounters = state.encounters
+        fitting = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(state.robot, state.pedestrians)
+        stops = jnp.any(encounters.is_open & (encounters.message == 1))
+        forward = jnp.where(stops, -1.0, action.twist[0])
+        return Action(twist=action.twist.at[0].set(forward), request=fitting[jnp.argmin(encounters.distance)])
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +43,7 @@ def world():
 def episodes(world, params):
     """Ten episodes of each scene with one pedestrian, a list of `Episode`: arrivals, collisions and time-outs."""
     scenes = jnp.repeat(jnp.arange(2), 10)
-    return record(world, params, talker, None, jax.random.split(jax.random.key(0), 20), scenes, int(params.max_steps))
+    return record(world, params, Talker(), jax.random.split(jax.random.key(0), 20), scenes, int(params.max_steps))
 
 
 @pytest.fixture(scope="session")

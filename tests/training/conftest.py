@@ -1,6 +1,7 @@
 """A world, a run and a robot that are small enough to be trained in a test."""
 
 import dataclasses
+import functools
 import time
 
 import jax
@@ -10,10 +11,11 @@ import pytest
 
 from jaxnav.agents.a2c import A2CConfig
 from jaxnav.agents.hsac import HSACConfig
-from jaxnav.agents.scripted import straight_line
+from jaxnav.agents.scripted import StraightLine
 from jaxnav.training import evaluation
 from jaxnav.training.config import ALGORITHMS, TrainConfig, WorldSettings, resolve
-from jaxnav.training.rollout import record
+from jaxnav.training.policy import Policy
+from jaxnav.training.rollout import Either, record
 from jaxnav.training.run import Run
 from jaxnav.world import Action, Params, World, WorldConfig
 
@@ -86,6 +88,8 @@ def _assert_same():
 class Talker:
     """An agent without a network: full speed toward the goal, and a request that depends on how far it is."""
 
+    config: None = None
+
     def vocabulary(self, split):
         return None
 
@@ -121,21 +125,25 @@ def talk():
 @pytest.fixture(scope="session")
 def evaluator():
     world = World(WorldConfig(scenes=("square", "hallway"), beams=4))
-    return evaluation.Evaluator(world, Talker(), Params(max_steps=24.0, goal_tolerance=1.0, compliance=0.5))
+    return evaluation.Evaluator(world, Params(max_steps=24.0, goal_tolerance=1.0, compliance=0.5))
+
+
+def talker(evaluator, speed):
+    """The `Policy` of a `Talker`. speed: its only parameter."""
+    return Policy(speed, learner=Talker(), world=evaluator.world)
+
+
+@pytest.fixture(scope="session", name="talker")
+def _talker(evaluator):
+    return functools.partial(talker, evaluator)
 
 
 @pytest.fixture(scope="session")
 def recorded(evaluator, talk):
     """{"talker": its episodes, "straight": those of the straight-line robot}, the ones in the square first."""
-    learnt = evaluation.make_policy(Talker())
-
-    def either(policy_params, state, world, params):
-        actor, voice, straight = policy_params
-        actions = straight_line(None, state, world, params), learnt((actor, voice, None), state, world, params)
-        return jax.tree.map(lambda a, b: jnp.where(straight, a, b), *actions)
-
+    world, params, policy = evaluator.world, evaluator.params, talker(evaluator, talk.actor)
     # One program records both.
     return {
-        name: record(evaluator.world, evaluator.params, either, (talk.actor, True, straight), *talk.keys(), 24)
+        name: record(world, params, Either(straight, StraightLine(), policy), *talk.keys(), 24)
         for name, straight in (("talker", False), ("straight", True))
     }

@@ -191,5 +191,5 @@ def test_what_a_killed_save_leaves_is_passed_over_and_written_over(tmp_path, ass
 def test_a_run_restores_what_it_had(finished, assert_same):
     run, progress = finished
     assert_same(Run.open(run.folder).restore(), progress)
-    assert_same(run.actor(progress, "last"), progress.loop.learner.averaged)
-    assert_same(run.actor(progress, "best"), progress.best.actor)
+    assert_same(run.policy("last", progress).parameters, progress.loop.learner.averaged)
+    assert_same(run.policy("best", progress).parameters, progress.best.actor)

@@ -4,7 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxnav.training.evaluation import episode_keys, wilson_interval
+from jaxnav.statistics import wilson_interval
+from jaxnav.training.evaluation import episode_keys
 from jaxnav.world.types import AGREES, NONE, REFUSES, REQUESTS
 
 EPISODES, SEED = 20, 5  # those of the fixture `talk`
@@ -37,8 +38,8 @@ def test_wilson_interval_is_symmetric_and_inside_the_unit_interval():
 
 
 @pytest.fixture(scope="module")
-def result(evaluator, talk):
-    return evaluator.evaluate(talk.actor, "last", talk.episodes, talk.seed)
+def result(evaluator, talker, talk):
+    return evaluator.evaluate(talker(talk.actor), "last", talk.episodes, talk.seed)
 
 
 def count(episodes, event):
@@ -55,9 +56,9 @@ def arrived(episodes):
 
 
 @pytest.mark.parametrize("scene", ["square", "hallway"])
-def test_metrics_are_what_a_plain_count_gives(result, recorded, evaluator, talk, scene):
+def test_metrics_are_what_a_plain_count_gives(result, recorded, evaluator, talker, talk, scene):
     played, straight = ([e for e in of if e.scene == scene] for of in recorded.values())
-    muted = evaluator.summaries(talk.actor, EPISODES, SEED, voice=False)
+    muted = evaluator.summaries(talker(talk.actor).muted(), EPISODES, SEED)
     muted = jax.tree.map(lambda leaf: leaf[evaluator.world.config.scenes.index(scene)], muted)
     metrics = result["scenes"][scene]
     expected = {
@@ -90,18 +91,18 @@ def test_situations_are_worth_counting(recorded):
     assert set(replies) == {NONE, AGREES, REFUSES}
 
 
-def test_outcomes_are_exclusive_and_human_collisions_are_collisions(evaluator):
+def test_outcomes_are_exclusive_and_human_collisions_are_collisions(evaluator, talker):
     for straight in (False, True):
-        s = evaluator.summaries(1.0, EPISODES, 1, straight=straight)
+        s = evaluator.summaries(talker(1.0), EPISODES, 1, straight=straight)
         np.testing.assert_array_equal(s.arrived.astype(int) + s.collided + s.truncated, 1)
         assert not (s.hit_pedestrian & ~s.collided).any()
 
 
-def test_the_first_episodes_of_more_are_the_same(evaluator, assert_same):
-    few, more = (evaluator.summaries(1.0, n, 3) for n in (5, EPISODES))
+def test_the_first_episodes_of_more_are_the_same(evaluator, talker, assert_same):
+    few, more = (evaluator.summaries(talker(1.0), n, 3) for n in (5, EPISODES))
     assert few.steps.shape == (2, 5)
     assert_same(few, jax.tree.map(lambda leaf: leaf[:, :5], more))
-    other = evaluator.summaries(1.0, EPISODES, 4)
+    other = evaluator.summaries(talker(1.0), EPISODES, 4)
     assert (other.min_distance != more.min_distance).all()
 
 
@@ -114,27 +115,27 @@ def test_episodes_of_evaluation_are_those_of_no_training(evaluator):
     assert keys.isdisjoint(tuple(data) for other in others for data in jax.random.key_data(other).tolist())
 
 
-def test_the_muted_robot_never_asks_and_the_straight_one_neither(evaluator):
-    actor = 1.0
-    assert (evaluator.summaries(actor, EPISODES, SEED).request > 0).any()
-    for robot in ({"voice": False}, {"straight": True}):
-        summary = evaluator.summaries(actor, EPISODES, SEED, **robot)
+def test_the_muted_robot_never_asks_and_the_straight_one_neither(evaluator, talker):
+    policy = talker(1.0)
+    assert (evaluator.summaries(policy, EPISODES, SEED).request > 0).any()
+    for robot, straight in ((policy.muted(), False), (policy, True)):
+        summary = evaluator.summaries(robot, EPISODES, SEED, straight)
         assert not summary.request.any() and not summary.agreed.any()
 
 
-def test_success_during_training_is_the_mean_of_one_block(evaluator):
-    arrived = evaluator.summaries(1.0, 8, 2**31).arrived
-    assert evaluator.success(1.0, 2**31) == {"square": arrived[0].mean(), "hallway": arrived[1].mean()}
+def test_success_during_training_is_the_mean_of_one_block(evaluator, talker):
+    arrived = evaluator.summaries(talker(1.0), 8, 2**31).arrived
+    assert evaluator.success(talker(1.0), 2**31) == {"square": arrived[0].mean(), "hallway": arrived[1].mean()}
 
 
-def test_nothing_to_average_is_none_not_nan(evaluator):
-    still = evaluator.evaluate(-1.0, "last", 4, 0)["scenes"]["hallway"]
+def test_nothing_to_average_is_none_not_nan(evaluator, talker):
+    still = evaluator.evaluate(talker(-1.0), "last", 4, 0)["scenes"]["hallway"]
     assert still["success"] == 0.0
     assert still["steps"] is None and still["min_distance"] is None
 
 
-def test_evaluation_has_exactly_the_keys_of_the_contract(evaluator):
-    result = evaluator.evaluate(1.0, "best", 4, 9)
+def test_evaluation_has_exactly_the_keys_of_the_contract(evaluator, talker):
+    result = evaluator.evaluate(talker(1.0), "best", 4, 9)
     assert list(result) == ["policy", "episodes", "seed", "wall_seconds", "scenes"]
     assert (result["policy"], result["episodes"], result["seed"]) == ("best", 4, 9)
     assert list(result["scenes"]) == ["square", "hallway"]

@@ -8,9 +8,9 @@ from jaxnav.world.types import AGREES, NONE
 
 
 @pytest.fixture(scope="module")
-def summary(evaluator, talk):
+def summary(evaluator, talker, talk):
     """What `play` made of the recorded episodes, in their order: leaves `[episodes]`."""
-    summaries = evaluator.summaries(talk.actor, talk.episodes, talk.seed)
+    summaries = evaluator.summaries(talker(talk.actor), talk.episodes, talk.seed)
     return jax.tree.map(np.ravel, summaries)
 
 

@@ -186,8 +186,8 @@ def test_the_best_actor_is_the_last_of_the_best_by_its_worst_scene(tmp_path, tin
     run = Run(tiny(tmp_path / "run", evaluate_every=1))
     seen = []
 
-    def success(actor, seed):
-        seen.append((seed, jax.device_get(actor)))
+    def success(policy, seed):
+        seen.append((seed, jax.device_get(policy.parameters)))
         return {"square": next(scores), "hallway": 0.9}
 
     monkeypatch.setattr(run.evaluator, "success", success)

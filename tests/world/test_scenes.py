@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxnav.agents.scripted import straight_line
+from jaxnav.agents.scripted import StraightLine
 from jaxnav.world import SCENES, Params, World, WorldConfig, scenes
 
 NAMES = ("square", "hallway", "crosswalk")
@@ -114,7 +114,7 @@ def test_pedestrians_set_off_toward_their_goal_at_their_speed(scene, starts):
 @pytest.mark.parametrize("scene", range(3), ids=NAMES)
 def test_a_straight_line_at_full_speed_fails_in_four_episodes_of_ten(scene, default):
     params = Params()
-    policy = jax.jit(jax.vmap(lambda state: straight_line(None, state, default.world, params)))
+    policy = jax.jit(jax.vmap(lambda state: StraightLine()(state, default.world, params)))
     _, outcomes = default.play(lambda step, state: policy(state), scene, STEPS)
     ended = np.argmax(outcomes.terminated, axis=0)
     assert np.all(outcomes.terminated.any(axis=0))

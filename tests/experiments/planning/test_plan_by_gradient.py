@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.planning import gradient_plans, plan_by_gradient
-from jaxnav.agents.scripted import straight_line
+from jaxnav.agents.scripted import StraightLine
 from jaxnav.training.rollout import play
 from jaxnav.world import Action, Params, World, WorldConfig
 
@@ -47,8 +47,8 @@ def test_gradient_ascent_finds_a_way_around_and_the_world_agrees(full):
     twists, (returns, arrived, collided, hit, length) = jax.device_get(jax.jit(jax.vmap(planned))(keys))
     assert twists.shape == (EPISODES, steps, 2) and np.abs(twists).max() < 1.0
     assert np.all(np.diff(returns, axis=1) >= 0)
-    straight = jax.jit(play, static_argnums=(0, 2, 6))(
-        world, params, straight_line, None, keys, jnp.zeros(EPISODES, int), steps
+    straight = jax.jit(play, static_argnums=(0, 5))(
+        world, params, StraightLine(), keys, jnp.zeros(EPISODES, int), steps
     )
     assert arrived[:, -1].sum() >= 0.9 * EPISODES > 0.7 * EPISODES > max(arrived[:, 0].sum(), straight.arrived.sum())
     assert returns[:, -1].mean() > returns[:, 0].mean() + 50.0

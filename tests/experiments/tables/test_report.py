@@ -8,7 +8,7 @@ from scipy.stats import trim_mean
 
 from experiments import over_seeds
 from experiments.tables import report
-from jaxnav.training.evaluation import wilson_interval
+from jaxnav.statistics import wilson_interval
 from jaxnav.world import SUITES
 
 from .made_up import LEARNT, fields, made_up, row_of, scenes, scripted, success_of

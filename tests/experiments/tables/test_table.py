@@ -42,8 +42,11 @@ class FakePrograms:
     def policies(self, folder):
         return np.load(folder / "policies.npz")["000"]
 
-    def player(self, policy_params, scene, seed, episodes):
-        actor, voice, _ = policy_params
+    def player(self, parameters, voice):
+        return parameters, voice
+
+    def playing(self, player, scene, seed, episodes):
+        actor, voice = player
         FakePrograms.done.append(("play", self.config.algo, self.config.world.scenes[scene], float(actor)))
         arrived = np.arange(episodes) % 10 < (8 if voice else 7) + (self.config.algo == "hsac")
         zero, no = np.zeros(episodes, int), np.zeros(episodes, bool)
@@ -176,15 +179,15 @@ def test_scripted_robots_are_played_once_and_their_rows_say_by_which_code(run, m
     played = []
 
     class FakePlayer:
-        def __init__(self, world, params, policy):
+        def __init__(self, world, params):
             self.scene = world.scenes[0].name
 
-        def __call__(self, policy_params, scene, seed, episodes):
+        def __call__(self, player, scene, seed, episodes):
             played.append((self.scene, episodes))
-            return FakePrograms.player(FakePrograms(preset("quick"), 1), (0.0, False, None), 0, seed, episodes)
+            return FakePrograms.playing(FakePrograms(preset("quick"), 1), (0.0, False), 0, seed, episodes)
 
-    monkeypatch.setattr(methods, "SCRIPTED", {"planner": (None, None)})
-    monkeypatch.setattr(methods, "Player", FakePlayer)
+    monkeypatch.setattr(methods, "SCRIPTED", {"planner": None})
+    monkeypatch.setattr(methods, "Playing", FakePlayer)
     first = run(table2, "--seeds", "2", "--episodes", "20", "--suite", "parity")
     assert played == [(scene, 40) for scene in methods.GROUPS[0]]
     later = {"git_commit": "def", "device": "another", "versions": {}}
@@ -241,9 +244,9 @@ def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
     programs = methods.Programs(small, 2)
     early, late = (programs.policies(tmp_path / f"a2c-square-{row['budget']}") for row in rows)
     assert any((a != b).any() for a, b in zip(jax.tree.leaves(early), jax.tree.leaves(late), strict=True))
-    evaluator = evaluation.Evaluator(programs.population.world, programs.agent, small.world.params)
+    evaluator = evaluation.Evaluator(programs.population.world, small.world.params)
     for seed in range(2):
-        found = evaluator.summaries(member(late, seed), 16, 7, phrases="test")
+        found = evaluator.summaries(programs.player(member(late, seed), True), 16, 7, scenes=[0])
         for field, plays in (("success", "arrived"), ("collision", "collided"), ("timeout", "truncated")):
             assert rows[1][field]["per_seed"][seed] == getattr(found, plays).mean()
         comfort = found.comfortable_steps.sum() / found.steps.sum()
