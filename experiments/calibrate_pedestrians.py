@@ -17,7 +17,7 @@ from rich.progress import Progress
 
 from experiments.study import RESULTS, make_folder
 from jaxnav.errors import UserError, remedy
-from jaxnav.world.types import MAX_PEDESTRIANS
+from jaxnav.world.config import MAX_PEDESTRIANS
 
 
 @dataclasses.dataclass(frozen=True)

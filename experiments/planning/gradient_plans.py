@@ -35,7 +35,7 @@ def drive(world, params, state, keys, twists):
         to_walls = wall_clearance(jnp.stack([half_x, state.robot.x]), jnp.stack([half_y, state.robot.y]), walls)
         used = jnp.append((to_walls - params.robot_radius) / _WALL_MARGIN, outcome.pedestrian_distance / _PEOPLE_MARGIN)
         progress = jnp.hypot(before.goal_x - before.x, before.goal_y - before.y) - outcome.goal_distance
-        climbed = params.reward_progress * progress + params.reward_step + outcome.reward_terms.closeness
+        climbed = params.reward_progress * progress + params.reward_step + outcome.reward_terms["closeness"]
         climbed -= _PRICE * jnp.sum(jnp.maximum(1.0 - used, 0.0) ** 2)
         counted = (jnp.where(ended, 0.0, outcome.reward), ~ended & outcome.arrived, ~ended & outcome.collided)
         counted += (~ended & outcome.hit_pedestrian, ~ended)

@@ -3,7 +3,8 @@
 import jax
 import jax.numpy as jnp
 
-from ..world.types import MESSAGES, REPLIES, REQUESTS, Params
+from ..world import Params
+from ..world.types import MESSAGES, REPLIES, REQUESTS
 
 IN_UNIT = (
     "may_request",

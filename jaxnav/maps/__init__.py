@@ -6,9 +6,9 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 
-from ..world.placement import CLEARANCE
+from ..world.config import MAX_PEDESTRIANS
+from ..world.params import CLEARANCE
 from ..world.scenes import Scene, straight
-from ..world.types import MAX_PEDESTRIANS
 from . import occupancy, placements, polygons, visibility
 
 __all__ = ["load"]

@@ -7,61 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import delays, dialogue, pedestrian, placement, reward, scenes, sensing
+from . import delays, dialogue, pedestrian, placement, scenes, sensing
+from .config import WorldConfig
 from .geometry import closest_approach, norm, time_to_disc, to_frame
+from .params import Params, check_params
+from .reward import RewardFunction, StepEvents, check_reward, find_reward
 from .robot import arc, twist_from_action
-from .types import NONE, Outcome, Params, PedestrianTraits, Robot, SeenPedestrian, Snapshot, State, WorldConfig
+from .types import NONE, Outcome, PedestrianTraits, Robot, SeenPedestrian, Snapshot, State
 from .walls import pad_walls, time_to_walls, walls_from_chains
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
 _CHORDS = 2
-
-_AT_LEAST_ZERO = (
-    "max_w", "goal_tolerance", "scan_noise_std", "body_radius", "preferred_speed", "max_speed", "awareness",
-    "neighbor_distance", "encounter_distance", "encounter_clearance", "encounter_horizon", "obey_steps",
-    "passing_clearance", "safe_distance", "comfort_distance",
-)  # fmt: skip
-_POSITIVE = ("dt", "max_v", "robot_radius", "max_steps", "scan_range", "time_horizon", "time_horizon_walls")
-_WHOLE = (("scan_latency", "scan_delay"), ("control_latency", "control_delay"), ("crowd_size", "pedestrians"))
-_PROBABILITIES = (
-    "scan_dropout",
-    "p_pedestrian_first",
-    "compliance",
-    "message_exceptions",
-    "small_talk",
-    "p_decides_late",
-)
-
-
-def check_params(params, config=WorldConfig()):
-    """Raise ValueError naming the first field that is not finite or out of its range in a world of that config.
-
-    Traced values pass.
-    """
-    for name, value in vars(params).items():
-        if isinstance(value, jax.core.Tracer):
-            continue
-        value = np.asarray(value)
-        if not np.all(np.isfinite(value)):
-            raise ValueError(f"world.params.{name} is {value}: give a finite number")
-        if name in _POSITIVE and np.any(value <= 0):
-            raise ValueError(f"world.params.{name} is {value}: give a number above 0")
-        if name in _AT_LEAST_ZERO and np.any(value < 0):
-            raise ValueError(f"world.params.{name} is {value}: give a number of at least 0")
-        if name in _PROBABILITIES and np.any((value < 0) | (value > 1)):
-            raise ValueError(f"world.params.{name} is {value}: give a probability, 0 to 1")
-    for name, longest in _WHOLE:
-        value, most = getattr(params, name), getattr(config, longest)
-        if not isinstance(value, jax.core.Tracer) and not np.all(np.isin(value, range(most + 1))):
-            remedy = f"a whole number from 0 to world.{longest}, which is {most}"
-            raise ValueError(f"world.params.{name} is {value}: give {remedy}")
-    _check_order(params, "preferred_speed", "max_speed")
-    for name in ("robot_radius", "body_radius"):
-        value = getattr(params, name)
-        if not isinstance(value, jax.core.Tracer) and np.any(np.asarray(value) >= placement.CLEARANCE):
-            raise ValueError(
-                f"world.params.{name} is {value}: give less than {placement.CLEARANCE}, the gap from starts to walls"
-            )
 
 
 def body_reach(params):
@@ -70,22 +26,24 @@ def body_reach(params):
     return max_v * dt / _CHORDS + radius
 
 
-def _check_order(params, low, high):
-    pair = getattr(params, low), getattr(params, high)
-    if not any(isinstance(value, jax.core.Tracer) for value in pair) and np.any(np.asarray(pair[0]) > pair[1]):
-        raise ValueError(f"world.params.{high} is {pair[1]}: give at least world.params.{low}, which is {pair[0]}")
-
-
 class World:
     """A differentiable 2D world with one robot and P pedestrians who talk with it.
 
     Every method is a pure function of one episode: ``jit`` and ``vmap`` as you like. ``step`` does not reset.
-    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`. ValueError: an unknown scene, two
-    of one name, one of your own that starts somebody in a wall or in somebody else, more pedestrians than one holds.
+    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`; reward: instead of the one that
+    ``config.reward`` names. ValueError: an unknown scene or reward, two scenes of one name, one of your own that starts
+    somebody in a wall or in somebody else, more pedestrians than a scene holds, a reward of another signature.
     """
 
-    def __init__(self, config: WorldConfig = WorldConfig(), own_scenes: Iterable[scenes.Scene] = ()):
+    def __init__(
+        self,
+        config: WorldConfig = WorldConfig(),
+        own_scenes: Iterable[scenes.Scene] = (),
+        reward: RewardFunction | None = None,
+    ):
         self.config = config
+        self._reward = find_reward(config.reward) if reward is None else reward
+        check_reward(self._reward, config.reward if reward is None else getattr(reward, "__name__", repr(reward)))
         self.scenes = scenes.choose(config.scenes, own_scenes)
         for scene in self.scenes:
             least, most = scene.crowd or (1, config.pedestrians)
@@ -95,7 +53,7 @@ class World:
                 raise ValueError(
                     f"world.pedestrians is {config.pedestrians}: scene {scene.name} needs at least {least}"
                 )
-            if scene.name not in scenes.SCENES:  # those are tested
+            if scene.name not in scenes.BUILT_IN:  # those are tested
                 placement.check_starts(scene, config.pedestrians)
         self._wall_table = pad_walls([walls_from_chains(scene.chains) for scene in self.scenes])
         # Only a floor plan of its own looks walls up by cell; beside other scenes it tests all of them.
@@ -213,10 +171,12 @@ class World:
         follows = jnp.any(jax.vmap(dialogue.follows_message, in_axes=(0, None))(encounters, robot))
         goal_before = norm(before.goal_x - before.x, before.goal_y - before.y)
         goal_distance = norm(robot.goal_x - robot.x, robot.goal_y - robot.y)
-        terms = reward.reward_terms(
-            arrived, collided, goal_before - goal_distance, distance, min_distance, fits, follows, params,
-            self.config.reward,
+        events = StepEvents(
+            arrived=arrived, collided=collided, hit_pedestrian=hit_pedestrian,
+            progress=goal_before - goal_distance, goal_distance=goal_distance, distance=distance,
+            min_distance=min_distance, requested=jnp.max(asked), fits=fits, follows=follows, v=robot.v, w=robot.w,
         )  # fmt: skip
+        terms = jax.tree.map(jnp.float32, self._reward(events, params))
 
         words = jax.random.bits(key, (self.config.pedestrians,), jnp.uint32)
         replies = encounters.reply
@@ -225,7 +185,7 @@ class World:
         t = state.t + 1
         terminated = arrived | collided
         outcome = Outcome(
-            reward=sum(vars(terms).values()), reward_terms=terms, terminated=terminated,
+            reward=sum(terms.values()), reward_terms=terms, terminated=terminated,
             truncated=(t >= params.max_steps) & ~terminated, arrived=arrived, collided=collided,
             hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), reply=jnp.max(replies),
             pedestrian_distance=distance, goal_distance=goal_distance,

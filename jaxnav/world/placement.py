@@ -11,11 +11,11 @@ import numpy as np
 from flax import struct
 
 from .geometry import norm, unit
+from .params import CLEARANCE, Params
 from .scenes import straight
-from .types import Params, Pedestrian
+from .types import Pedestrian
 from .walls import is_inside, wall_clearance, walls_from_chains
 
-CLEARANCE = 0.3  # from starts and goals to walls
 ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
 PEDESTRIAN_GAP = 0.6  # between pedestrians at the start
 _CANDIDATES = 32

@@ -1,17 +1,18 @@
 """Scenes: walls, and where an episode's robot and pedestrians start and go (docs/world.md section 2).
 
-A scene draws candidates from uniform numbers; `jaxnav.world.placement` takes one. A new scene is one more `Scene`
-in `SCENES`.
+A scene draws candidates from uniform numbers; `jaxnav.world.placement` takes one. `register_scene` adds a scene.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .types import MAX_PEDESTRIANS, Params, WallCells
+from .config import MAX_PEDESTRIANS
+from .params import Params
+from .types import WallCells
 from .walls import enclosed_area, walls_from_chains
 
 
@@ -240,6 +241,7 @@ SCENES = {
         *_HARD,
     )
 }
+BUILT_IN = frozenset(SCENES)
 SUITES = {
     "parity": ("square", "hallway", "crosswalk"),
     "hard": tuple(scene.name for scene in _HARD if scene.sight != "none"),
@@ -247,13 +249,21 @@ SUITES = {
 }
 
 
-def default_params(names):
+def register_scene(scene: Scene) -> Scene:
+    """Make a scene known by its name, for ``WorldConfig.scenes``. ValueError: another one has that name."""
+    if SCENES.get(scene.name, scene) is not scene:
+        raise ValueError(f"scene {scene.name!r} is registered twice: give the second one a name of its own")
+    SCENES[scene.name] = scene
+    return scene
+
+
+def default_params(names: Sequence[str]) -> Params:
     """`Params` of the people in the scenes of these names; ValueError where they are not the same people."""
     return params_of(choose(names))
 
 
-def params_of(scenes):
-    """What `default_params` gives, of the scenes themselves."""
+def params_of(scenes: Sequence[Scene]) -> Params:
+    """`Params` of the people in these scenes; ValueError where they are not the same people."""
     first, *others = scenes
     for other in others:
         if dict(other.params) != dict(first.params):
@@ -264,11 +274,11 @@ def params_of(scenes):
     return Params(**first.params)
 
 
-def choose(names, own_scenes=()):
+def choose(names: Sequence[str], own_scenes: Iterable[Scene] = ()) -> tuple[Scene, ...]:
     """The scenes of these names, of `SCENES` or of ``own_scenes``; ValueError: unknown, or two scenes of one name."""
     known = dict(SCENES)
     for scene in own_scenes:
-        if scene.name in known:
+        if known.get(scene.name, scene) is not scene:
             raise ValueError(f"own scene {scene.name!r} has the name of another scene: give it a name of its own")
         known[scene.name] = scene
     for name in names:

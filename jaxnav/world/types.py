@@ -5,9 +5,6 @@ of the world, ``K = min(nearest, P)`` the number that is observed, ``B`` the num
 times seconds, angles radians counter-clockwise; the robot frame has x forward and y left.
 """
 
-import dataclasses
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -18,129 +15,6 @@ MESSAGES = ("silence", "robot stop", "robot right", "robot left")
 REPLIES = ("none", "agrees", "refuses")
 NONE, STOP, RIGHT, LEFT = range(4)
 AGREES, REFUSES = 1, 2
-
-MAX_PEDESTRIANS = 64
-OBSERVATION_PARTS = ("scan", "pedestrians", "dialogue", "sensor_map", "pedestrian_map")
-
-
-@dataclasses.dataclass(frozen=True)
-class WorldConfig:
-    """Sizes and switches of a world: static under ``jit`` and hashable. Every float that may vary is in `Params`.
-
-    Attributes:
-        scenes: scenes of which each episode draws one.
-        pedestrians: the most pedestrians of an episode (P), 1 to 64; the scene says how many of them are there.
-        nearest: the most pedestrians that are observed, nearest first.
-        beams: number of laser beams over [-pi/2, pi/2] (B).
-        observation: the parts to sense besides pose and twist: scan, pedestrians, dialogue, sensor_map, pedestrian_map.
-        scan_noise: draw range noise and dropouts; off saves one random word a beam.
-        hearing: whether the robot hears; a deaf one observes silence although pedestrians commit all the same.
-        reward: code, the authors' code; text, their paper's text (all terms each step, closeness at arrival).
-        body: what the laser sees of a pedestrian: a disc, or two legs that step, close together while it stands.
-        swept_collisions: test contact over the whole step; off tests the end of the step only.
-        wall_neighbors: walls a pedestrian avoids at once, nearest first.
-        max_neighbors: other pedestrians a pedestrian avoids at once, nearest first.
-        scan_delay: the largest ``scan_latency``: so many past views are kept in the state, and in every snapshot.
-        control_delay: the largest ``control_latency``: so many past twists are kept in the state.
-    """
-
-    scenes: tuple[str, ...] = ("square", "hallway", "crosswalk")
-    pedestrians: int = 1
-    nearest: int = 4
-    beams: int = 180
-    observation: tuple[str, ...] = ("scan", "pedestrians", "dialogue")
-    scan_noise: bool = False
-    hearing: bool = True
-    reward: Literal["code", "text"] = "code"
-    swept_collisions: bool = True
-    body: Literal["disc", "legs"] = "disc"
-    wall_neighbors: int = 4
-    max_neighbors: int = 10
-    scan_delay: int = 0
-    control_delay: int = 0
-
-    def __post_init__(self):
-        for name, least in (
-            ("pedestrians", 1),
-            ("nearest", 1),
-            ("beams", 2),
-            ("wall_neighbors", 1),
-            ("max_neighbors", 1),
-            ("scan_delay", 0),
-            ("control_delay", 0),
-        ):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise ValueError(f"world.{name} is {value!r}: give a whole number of at least {least}")
-        if self.pedestrians > MAX_PEDESTRIANS:
-            raise ValueError(f"world.pedestrians is {self.pedestrians}: give at most {MAX_PEDESTRIANS}")
-        for name in ("scenes", "observation"):
-            value = getattr(self, name)
-            if not isinstance(value, tuple) or not all(isinstance(item, str) for item in value):
-                raise ValueError(f"world.{name} is {value!r}: give a tuple of names")
-        for part in self.observation:
-            if part not in OBSERVATION_PARTS:
-                raise ValueError(f"world.observation names {part!r}: choose from {', '.join(OBSERVATION_PARTS)}")
-        if self.reward not in ("code", "text"):
-            raise ValueError(f"world.reward is {self.reward!r}: choose code or text")
-        if self.body not in ("disc", "legs"):
-            raise ValueError(f"world.body is {self.body!r}: choose disc or legs")
-        if len(set(self.scenes)) < len(self.scenes):
-            raise ValueError(f"world.scenes is {' '.join(self.scenes)}: name every scene once")
-        if not self.scenes:
-            raise ValueError("world.scenes is empty: name at least one scene")
-
-
-@struct.dataclass
-class Params:
-    """Every float of the world: leaves, so that ``vmap`` over them is domain randomisation.
-
-    Sources are sections of docs/world.md; `jaxnav.world.env.check_params` says which ranges are allowed.
-    """
-
-    # Time, robot and episode (section 1)
-    dt: float = 0.4  # control period, s
-    max_v: float = 0.6  # top speed, m/s
-    max_w: float = 0.9  # top turning rate, rad/s
-    robot_radius: float = 0.17  # radius of the robot's disc, m
-    goal_tolerance: float = 0.3  # distance to the goal that counts as arrival, m
-    max_steps: float = 100.0  # steps after which an episode is truncated
-    control_latency: float = 0.0  # whole steps from an action to its driving, at most world.control-delay
-    # Laser (section 3)
-    scan_range: float = 12.0  # longest range, m
-    scan_noise_std: float = 0.01  # standard deviation of a range, m (with world.scan-noise)
-    scan_dropout: float = 0.01  # share of beams that read scan_range (with world.scan-noise)
-    scan_latency: float = 0.0  # whole steps from a scan to its observation, at most world.scan-delay
-    # Pedestrians (section 7)
-    crowd_size: float = 0.0  # how many are there in scenes that don't say it; 0: all of world.pedestrians
-    body_radius: float = 0.1  # radius of a pedestrian's body, m
-    preferred_speed: float = 0.5  # walking speed, m/s
-    max_speed: float = 0.5  # top speed of a pedestrian, m/s
-    awareness: float = 0.5  # distance at which a pedestrian starts to avoid the robot by itself, m
-    neighbor_distance: float = 0.5  # distance at which pedestrians start to avoid each other, m
-    time_horizon: float = 5.0  # for how long a velocity is to be free of other agents, s
-    time_horizon_walls: float = 1.0  # for how long a velocity is to be free of walls, s
-    # Dialogue (section 6)
-    encounter_distance: float = 3.0  # distance at which an encounter may open, m; grows with walking speed
-    encounter_clearance: float = 1.0  # predicted closest approach below which it opens, m
-    encounter_horizon: float = 5.0  # how far ahead that is predicted, s
-    p_pedestrian_first: float = 0.5  # probability that the pedestrian speaks first
-    compliance: float = 1.0  # probability that it agrees to a request
-    obey_steps: float = 10.0  # steps for which it obeys
-    p_decides_late: float = 0.0  # probability that one with whom nothing is agreed picks a side, late and unannounced
-    message_exceptions: float = 0.2  # share of messages that don't suit the geometry
-    passing_clearance: float = 1.0  # gap when both keep to the same hand, m
-    small_talk: float = 0.0  # probability of small talk in a step
-    # Reward (section 8)
-    reward_arrival: float = 500.0  # for reaching the goal
-    reward_collision: float = -500.0  # for touching a wall or a pedestrian
-    reward_progress: float = 200.0  # for each metre nearer to the goal
-    reward_step: float = -5.0  # for each step
-    reward_closeness: float = -50.0  # for each metre below safe_distance
-    safe_distance: float = 1.0  # surface distance below which closeness costs, m
-    reward_request: float = 20.0  # r_req: for a request that fits
-    reward_response: float = 4.0  # r_res: for each step of doing what was asked
-    comfort_distance: float = 0.5  # surface distance of the comfort metric, m
 
 
 @struct.dataclass
@@ -412,22 +286,6 @@ class Observation:
 
 
 @struct.dataclass
-class RewardTerms:
-    """The parts of a step's reward; they add up to it.
-
-    goal: arrival or collision; shaping: progress toward the goal; step: the cost of time; closeness: near pedestrians;
-    request: for a request that fits; response: for doing what was asked.
-    """
-
-    goal: jax.Array
-    shaping: jax.Array
-    step: jax.Array
-    closeness: jax.Array
-    request: jax.Array
-    response: jax.Array
-
-
-@struct.dataclass
 class Outcome:
     """What a step led to.
 
@@ -438,7 +296,7 @@ class Outcome:
     """
 
     reward: jax.Array
-    reward_terms: RewardTerms
+    reward_terms: dict[str, jax.Array]
     terminated: jax.Array
     truncated: jax.Array
     arrived: jax.Array

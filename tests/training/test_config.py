@@ -59,8 +59,8 @@ def test_one_scene_becomes_the_only_scene_of_the_world():
         (lambda: WorldConfig(beams=1), "world.beams", "1"),
         (lambda: WorldConfig(beams=NAN), "world.beams", "nan"),
         (lambda: WorldConfig(observation=("scan", "smell")), "world.observation", "'smell'"),
-        (lambda: WorldConfig(reward="money"), "world.reward", "'money'"),
-        (lambda: WorldConfig(scenes=()), "world.scenes", "empty"),
+        (lambda: World(WorldConfig(reward="money")), "world.reward", "'money'"),
+        (lambda: WorldConfig(scenes=()), "world.scenes", r"\(\)"),
     ],
 )
 def test_a_bad_size_is_refused_with_field_value_and_remedy(make, field, value):

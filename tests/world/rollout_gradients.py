@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnav.world import SUITES, Action, World, WorldConfig, default_params
-from jaxnav.world.types import OBSERVATION_PARTS
+from jaxnav.world.config import OBSERVATION_PARTS
 
 STEPS = 20
 SIZES = {

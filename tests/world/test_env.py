@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxnav.world import Action, Params, World, WorldConfig, check_params
-from jaxnav.world.types import OBSERVATION_PARTS
+from jaxnav.world.config import OBSERVATION_PARTS
 
 OBLIVIOUS = Params(awareness=0.0)
 
@@ -148,7 +148,7 @@ def test_steps_are_traced_once(default, situation, action):
 @pytest.mark.parametrize(
     ("field", "value", "remedy"),
     [
-        ("dt", float("nan"), "finite"),
+        ("dt", float("nan"), "above 0"),
         ("reward_step", float("inf"), "finite"),
         ("robot_radius", -0.17, "above 0"),
         ("robot_radius", 0.0, "above 0"),
@@ -187,7 +187,7 @@ def test_params_within_their_range_pass_and_so_do_traced_ones():
     [
         ("pedestrians", 0), ("pedestrians", 1.5), ("nearest", 0), ("beams", 1), ("beams", True), ("wall_neighbors", -1),
         ("max_neighbors", 0), ("scan_delay", -1), ("control_delay", 0.5),
-        ("observation", ("scan", "smell")), ("reward", "paper"), ("scenes", ()),
+        ("observation", ("scan", "smell")), ("reward", 3), ("scenes", ()),
         ("scenes", ["square"]), ("scenes", "square"), ("observation", ["scan"]), ("observation", "scan"),
     ],
 )  # fmt: skip

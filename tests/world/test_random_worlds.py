@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from jaxnav.world import SCENES, SUITES, Action, Params, World, WorldConfig, check_params
-from jaxnav.world.types import OBSERVATION_PARTS
+from jaxnav.world.config import OBSERVATION_PARTS
 from jaxnav.world.walls import wall_clearance
 
 EPISODES, STEPS = 8, 12
@@ -24,7 +24,7 @@ WORLDS = {
     ),
     "hard": WorldConfig(
         scenes=(*SUITES["hard"], *SUITES["hard-laser"]), pedestrians=8, nearest=2, max_neighbors=4, beams=45,
-        reward="text", observation=OBSERVATION_PARTS, scan_noise=True,
+        reward="paper-text", observation=OBSERVATION_PARTS, scan_noise=True,
     ),
     "a full square": WorldConfig(
         scenes=("square",), pedestrians=64, nearest=70, max_neighbors=2, wall_neighbors=2, hearing=False,
@@ -226,10 +226,10 @@ def assert_outcomes(played, params):
     assert np.all((outcomes.requested >= 0) & (outcomes.requested < 4))
     assert np.all((outcomes.reply >= 0) & (outcomes.reply < 3))
 
-    terms = np.stack(list(vars(outcomes.reward_terms).values()))
+    terms = np.stack(list(outcomes.reward_terms.values()))
     np.testing.assert_allclose(outcomes.reward, terms.sum(axis=0), rtol=1e-5, atol=1e-5 * (1 + np.abs(terms).max()))
     goal = np.where(outcomes.collided, params.reward_collision, outcomes.arrived * params.reward_arrival)
-    np.testing.assert_array_equal(outcomes.reward_terms.goal, goal)
+    np.testing.assert_array_equal(outcomes.reward_terms["goal"], goal)
 
     assert np.all(outcomes.pedestrian_distance >= -(params.robot_radius + params.body_radius) - 1e-5)
     least = np.minimum.accumulate(outcomes.pedestrian_distance, axis=1)

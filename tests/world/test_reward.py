@@ -1,47 +1,57 @@
 """The reward term by term: the arithmetic, and the situations of a step that lead to each."""
 
+import jax
 import numpy as np
 import pytest
 
-from jaxnav.world import Params
-from jaxnav.world.reward import reward_terms
+from jaxnav.world import REWARDS, Params, StepEvents, World, WorldConfig, register_reward
 from jaxnav.world.types import LEFT, NONE, RIGHT, STOP
 
 PARAMS = Params()
 NOTHING = dict.fromkeys(("goal", "shaping", "step", "closeness", "request", "response"), 0.0)
 
 
+def events(**happened):
+    """Nothing but what is given; nobody near."""
+    false = dict.fromkeys(("arrived", "collided", "hit_pedestrian", "fits", "follows"), np.bool_(False))
+    zero = dict.fromkeys(("progress", "goal_distance", "requested", "v", "w"), 0.0)
+    return StepEvents(**false | zero | {"distance": 9.0, "min_distance": 9.0} | happened)
+
+
 def terms_of(outcome):
-    return {name: float(value) for name, value in vars(outcome.reward_terms).items()}
+    return {name: float(value) for name, value in outcome.reward_terms.items()}
 
 
 @pytest.mark.parametrize(
     ("kind", "arrived", "collided", "expected"),
     [
-        ("code", False, False, {"shaping": 20.0, "step": -5.0, "closeness": -20.0}),
-        ("code", True, False, {"goal": 500.0, "closeness": -20.0}),
-        ("code", False, True, {"goal": -500.0}),
-        ("text", False, False, {"shaping": 20.0, "step": -5.0}),
-        ("text", True, False, {"goal": 500.0, "shaping": 20.0, "step": -5.0, "closeness": -35.0}),
-        ("text", False, True, {"goal": -500.0, "shaping": 20.0, "step": -5.0}),
+        ("authors-code", False, False, {"shaping": 20.0, "step": -5.0, "closeness": -20.0}),
+        ("authors-code", True, False, {"goal": 500.0, "closeness": -20.0}),
+        ("authors-code", False, True, {"goal": -500.0}),
+        ("paper-text", False, False, {"shaping": 20.0, "step": -5.0}),
+        ("paper-text", True, False, {"goal": 500.0, "shaping": 20.0, "step": -5.0, "closeness": -35.0}),
+        ("paper-text", False, True, {"goal": -500.0, "shaping": 20.0, "step": -5.0}),
     ],
 )
 def test_events_of_both_kinds_of_reward(kind, arrived, collided, expected):
     """0.1 m of progress, 0.6 m from a pedestrian, 0.3 m at the nearest of the episode."""
-    terms = reward_terms(np.bool_(arrived), np.bool_(collided), 0.1, 0.6, 0.3, False, False, PARAMS, kind)
-    assert {name: float(value) for name, value in vars(terms).items()} == pytest.approx(NOTHING | expected)
+    happened = events(
+        arrived=np.bool_(arrived), collided=np.bool_(collided), progress=0.1, distance=0.6, min_distance=0.3
+    )
+    terms = REWARDS[kind](happened, PARAMS)
+    assert {name: float(value) for name, value in terms.items()} == pytest.approx(NOTHING | expected)
 
 
 @pytest.mark.parametrize(("distance", "expected"), [(1.2, 0.0), (1.0, 0.0), (0.75, -12.5), (0.0, -50.0), (-0.1, -50.0)])
 def test_closeness(distance, expected):
-    terms = reward_terms(np.bool_(False), np.bool_(False), 0.0, distance, distance, False, False, PARAMS, "code")
-    assert float(terms.closeness) == pytest.approx(expected)
+    terms = REWARDS["authors-code"](events(distance=distance), PARAMS)
+    assert float(terms["closeness"]) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("fits", "follows"), [(True, False), (False, True), (True, True)])
 def test_interaction_pays_once_each(fits, follows):
-    terms = reward_terms(np.bool_(False), np.bool_(False), 0.0, 9.0, 9.0, fits, follows, PARAMS, "code")
-    assert (float(terms.request), float(terms.response)) == (20.0 * fits, 4.0 * follows)
+    terms = REWARDS["authors-code"](events(fits=fits, follows=follows), PARAMS)
+    assert (float(terms["request"]), float(terms["response"])) == (20.0 * fits, 4.0 * follows)
 
 
 def test_driving_toward_the_goal_pays_for_the_progress_less_the_time(default, situation, action):
@@ -145,9 +155,9 @@ def test_a_robot_that_does_what_it_was_asked_is_paid_every_step(default, situati
 
 def test_the_terms_add_up_to_the_reward(random_episodes):
     outcomes = random_episodes[1]
-    total = sum(np.asarray(term, np.float64) for term in vars(outcomes.reward_terms).values())
+    total = sum(np.asarray(term, np.float64) for term in outcomes.reward_terms.values())
     np.testing.assert_allclose(outcomes.reward, total, atol=1e-3)
-    assert all(np.any(term != 0) for term in vars(outcomes.reward_terms).values())
+    assert all(np.any(term != 0) for term in outcomes.reward_terms.values())
 
 
 def test_parameters_scale_their_terms(default, situation, action):
@@ -161,3 +171,52 @@ def test_parameters_scale_their_terms(default, situation, action):
         twice = default.act(near, act, PARAMS.replace(**{f"reward_{name}": 2 * getattr(PARAMS, f"reward_{name}")}))[1]
         assert once[field] != 0
         assert terms_of(twice) == pytest.approx(once | {field: 2 * once[field]})
+
+
+def _speed(happened, params):
+    return {"speed": happened.v / params.max_v, "end": -1.0 * happened.collided}
+
+
+def _raises(happened, params):
+    raise RuntimeError("no money\nleft")
+
+
+@pytest.mark.parametrize(
+    ("reward", "says"),
+    [
+        (3, "3, a int"),
+        (lambda happened: {}, "doesn't take two arguments"),
+        (lambda happened, params: happened.v, "returns a"),
+        (lambda happened, params: {}, "returns a dict"),
+        (lambda happened, params: {"speed": np.zeros(2)}, r"term 'speed' is \w+ \[2\]"),
+        (lambda happened, params: {"speed": happened.arrived}, "term 'speed' is bool"),
+        (lambda happened, params: {"speed": happened.speed}, "raises AttributeError"),
+        (_raises, r"_raises, which raises RuntimeError \(no money\)"),
+    ],
+)
+def test_a_reward_that_is_none_is_refused_in_one_line(reward, says):
+    with pytest.raises(ValueError, match=rf"^world\.reward is .*{says}.*: give a function .*terms$"):
+        World(reward=reward)
+
+
+def test_a_reward_of_ones_own_has_terms_of_its_own(situation, action):
+    world = World(WorldConfig(), reward=_speed)
+    state, act = situation(), action(v=0.3)
+    _, outcome = jax.jit(world.step)(jax.random.key(0), state, act, PARAMS)
+    assert {name: float(value) for name, value in outcome.reward_terms.items()} == pytest.approx(
+        {"speed": 0.5, "end": 0.0}, abs=1e-6
+    )
+    assert float(outcome.reward) == pytest.approx(0.5)
+
+
+def test_rewards_are_registered_once_each():
+    register_reward("test-speed", _speed)
+    try:
+        assert register_reward("test-speed", _speed) is _speed
+        World(WorldConfig(reward="test-speed"))
+        with pytest.raises(ValueError, match=r"reward 'test-speed' is registered twice: give"):
+            register_reward("test-speed", _raises)
+    finally:
+        del REWARDS["test-speed"]
+    with pytest.raises(ValueError, match=r"world\.reward is 'test-speed': choose authors-code, paper-text"):
+        World(WorldConfig(reward="test-speed"))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxnav.world import SCENES, Params, World, WorldConfig, sensing
+from jaxnav.world.config import OBSERVATION_PARTS
 from jaxnav.world.scenes import SIGHTS
-from jaxnav.world.types import OBSERVATION_PARTS
 
 PARAMS = Params()
 FREE, UNKNOWN, HIT, ROBOT = 1.0, 200 / 255, 0.0, 100 / 255
