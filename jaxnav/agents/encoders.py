@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 
 from ..errors import UserError
-from ..world.types import OBSERVATION_PARTS, Observation
+from ..world.config import OBSERVATION_PARTS
+from ..world.types import Observation
 from .features import approach_features, dialogue_features, known, own_features, part, pedestrian_features
 from .layers import MLP
 from .twin import TorchTwin, grid_arrays, lidar_arrays
