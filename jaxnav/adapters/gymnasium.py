@@ -3,6 +3,8 @@
 # gymnasium may be missing here, and annotates less than it takes.
 # pyright: reportMissingImports=none, reportArgumentType=none
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,17 +24,17 @@ from .observation import IN_UNIT, parts, shapes
 class VectorWorld(VectorEnv):
     """``num_envs`` (N) episodes of ``world`` side by side; the same seed gives the same episodes.
 
-    By default the world is ``World()``, and params are those of its scenes.
+    By default the world is ``World()``, with the params of its scenes.
 
-    Observations are dicts of `jaxnav.adapters.observation.parts`, actions dicts of twist `[N, 2]` in [-1, 1] and request
-    `[N]`, an index into ``REQUESTS``. An ended episode is replaced in the same step; its true last observation is then
-    in ``infos["final_obs"]`` and its events (arrived, collided, hit_pedestrian) in ``infos["final_info"]``. Steps in
-    which nothing ends have no infos. ValueError: params out of range, or no environment.
+    Observations are dicts of `jaxnav.adapters.observation.parts`, actions dicts of twist `[N, 2]` in [-1, 1] and
+    request `[N]`, an index into ``REQUESTS``. An ended episode is replaced in the same step; its true last observation
+    is then in ``infos["final_obs"]`` and its events (arrived, collided, hit_pedestrian) in ``infos["final_info"]``.
+    Steps without an end have no infos. ValueError: params out of range, or no environment.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
 
-    def __init__(self, num_envs: int = 1, world: World | None = None, params: Params | None = None):
+    def __init__(self, num_envs: int = 1, world: World | None = None, params: Params | None = None) -> None:
         if not isinstance(num_envs, int) or num_envs < 1:
             raise ValueError(f"num_envs is {num_envs!r}: give a whole number of at least 1")
         world = World() if world is None else world
@@ -75,12 +77,12 @@ class VectorWorld(VectorEnv):
 
         self._begin, self._advance, self._replace = begin, advance, replace
 
-    def reset(self, *, seed=None, options=None):
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[dict[str, np.ndarray], dict]:
         super().reset(seed=seed)
         self._states, observations = self._begin(self._seed())
         return _numpy(observations), {}
 
-    def step(self, actions):
+    def step(self, actions: Any) -> Any:
         if self._states is None:
             raise error.ResetNeeded("call reset before step")
         action = Action(twist=actions["twist"], request=actions["request"])
@@ -98,10 +100,10 @@ class VectorWorld(VectorEnv):
                 infos = self._add_info(infos, {"final_obs": final_obs, "final_info": final_info}, i)
         return _numpy(observations), outcome.reward, outcome.terminated, outcome.truncated, infos
 
-    def _seed(self):
+    def _seed(self) -> Any:
         return self.np_random.integers(2**32, dtype=np.uint32)
 
 
-def _numpy(tree):
-    """Copies that may be written to."""
+def _numpy(tree: Any) -> Any:
+    """Writable copies."""
     return jax.tree.map(np.array, tree)

@@ -1,1 +1,1 @@
-"""Export: a folder that any Jetson can run, without JAX and without this package, and that proves itself on arrival."""
+"""Export: a folder with a policy that any Jetson runs, without JAX and this package, and that checks itself there."""

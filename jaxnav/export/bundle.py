@@ -1,13 +1,15 @@
-"""The bundle: a folder with a trained policy that runs on any robot with torch and numpy, and proves itself there."""
+"""The bundle: a folder with a trained policy that runs on any robot with torch and numpy, and checks itself there."""
 
 import pathlib
 import shutil
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..errors import UserError, remedy
 from ..language import dialogue_rules, phrases, sides, table
+from ..training.run import Run
 from .contract import TWIN, check_exportable, contract_of, encoder_of, network_inputs
 from .readme import readme_of
 from .reference import Reference
@@ -15,7 +17,7 @@ from .seal import seal
 from .weights import grid_tables, torch_weights
 
 GOLDEN = 128  # recorded inputs and outputs
-ROBOT = pathlib.Path(__file__).parent / "robot"  # what travels in every bundle
+ROBOT = pathlib.Path(__file__).parent / "robot"  # its files travel in every bundle
 
 _GOLDEN_SEED = 0x474F4C44  # of episodes and states; no seed of an evaluation
 _REQUIREMENTS = """# What the bundle needs on a Jetson with JetPack 4.6 (Ubuntu 18.04, Python 3.6).
@@ -26,10 +28,17 @@ torch>=1.8
 """
 
 
-def write_bundle(run, actor, folder, origin, replace=False, add=()):
+def write_bundle(
+    run: Run,
+    actor: Any,
+    folder: str | pathlib.Path,
+    origin: dict[str, Any],
+    replace: bool = False,
+    add: Sequence[Callable[[pathlib.Path], Any]] = (),
+) -> None:
     """Write the bundle of a run's policy ``actor`` into ``folder``, whole or not at all.
 
-    origin: where it comes from (`origin_of`); replace: whether a bundle that is there may go; add: functions that add
+    origin: where it comes from (`origin_of`); replace: whether it may replace another bundle; add: functions that add
     files to the finished folder (of `formats`).
     UserError: the folder holds something else, can't be written, the policy can't be exported, or something that is to
     be added can't be made.
@@ -37,7 +46,7 @@ def write_bundle(run, actor, folder, origin, replace=False, add=()):
     folder = pathlib.Path(folder)
     check_exportable(run.agent)
     check_folder(folder, replace)
-    # Beside it, so that it only has to be renamed; hidden, so that nobody takes a half of it for a bundle.
+    # Beside the folder, so that it only has to be renamed; hidden, so that a half of it isn't taken for a bundle.
     temporary, old = (folder.with_name(f".{folder.name}.{word}") for word in ("new", "old"))
     try:
         for leftover in (temporary, old):
@@ -60,7 +69,7 @@ def write_bundle(run, actor, folder, origin, replace=False, add=()):
     shutil.rmtree(old, ignore_errors=True)
 
 
-def check_folder(folder, replace=False):
+def check_folder(folder: pathlib.Path, replace: bool = False) -> None:
     """UserError: a bundle can't be written there without loss."""
     if folder.exists() and not folder.is_dir():
         raise UserError(f"--out {folder} is a file: give a folder")
@@ -76,7 +85,7 @@ def travelling() -> list[pathlib.Path]:
     return [*sorted(ROBOT.glob("*.py")), *(pathlib.Path(str(module.__file__)) for module in (dialogue_rules, sides))]
 
 
-def _fill(folder, run, actor, contract):
+def _fill(folder: pathlib.Path, run: Run, actor: Any, contract: dict[str, Any]) -> None:
     for path in travelling():
         shutil.copyfile(path, folder / path.name)
     encoder = encoder_of(run.agent)
@@ -96,5 +105,5 @@ def _fill(folder, run, actor, contract):
     (folder / "README.md").write_text(readme_of(contract), encoding="utf-8")
 
 
-def _save(path, arrays: dict[str, Any]):
+def _save(path: pathlib.Path, arrays: dict[str, Any]) -> None:
     np.savez_compressed(path, **arrays)

@@ -1,7 +1,8 @@
-"""The contract of a bundle: every input and output of a policy, and all that a robot has to know to use it."""
+"""The contract of a bundle: every input and output of a policy, and all that a robot needs to use it."""
 
 import importlib.metadata
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from ..language import dialogue_rules
 from ..language.speaker import Context, sentences
 from ..language.table import DIMENSIONS, default_table
 from ..training.dataclass_json import to_json
-from ..world import sensing
+from ..training.run import Run
+from ..world import Params, sensing
 from ..world.types import AGREES, LEFT, MESSAGES, NONE, REFUSES, REPLIES, REQUESTS, RIGHT, STOP
 
 SCHEMA = 1  # of contract.json; robot/bundle.py reads the same
@@ -46,13 +48,13 @@ def encoder_of(agent: Learner) -> Encoder:
     return agent.config.encoding
 
 
-def raw_inputs(run: Any) -> tuple[str, ...]:
+def raw_inputs(run: Run) -> tuple[str, ...]:
     """Names of the inputs of `Policy.act` in robot/policy.py, in order."""
     words = ("words",) if run.agent.can_hear else ("message", "spoken")
     return ("scan", "pedestrians", "seen", *TALK, *words, "pose", "twist", "may_request", "voice")
 
 
-def network_inputs(run: Any) -> tuple[str, ...]:
+def network_inputs(run: Run) -> tuple[str, ...]:
     """Names of the inputs of the network itself, in order: maps are made of scan and pedestrians."""
     reads = encoder_of(run.agent).reads
     left_out = {"scan", "pedestrians"} - set(reads)
@@ -62,8 +64,8 @@ def network_inputs(run: Any) -> tuple[str, ...]:
     return (*maps, *(name for name in raw_inputs(run) if name not in left_out))
 
 
-def contract_of(run: Any, origin: Any) -> dict[str, Any]:
-    """The contract as a dict for JSON, but for what tells of the other files: `files` and `checksum`.
+def contract_of(run: Run, origin: Any) -> dict[str, Any]:
+    """The contract as a dict for JSON, without `files` and `checksum`, which `seal` adds.
 
     origin: where the policy comes from, JSON of any kind.
     """
@@ -72,7 +74,7 @@ def contract_of(run: Any, origin: Any) -> dict[str, Any]:
     angles = [round(math.degrees(angle), 6) for angle in np.linspace(-np.pi / 2, np.pi / 2, config.beams)]
     return {
         "schema": SCHEMA,
-        "about": "What the policy in weights.npz reads and does. Lengths are metres, times seconds, angles radians "
+        "about": "Inputs and outputs of the policy in weights.npz. Lengths are metres, times seconds, angles radians "
         "counter-clockwise unless an entry says otherwise. Robot frame: x forward, y left.",
         "inputs": [_INPUTS[name](run, nearest) | {"name": name} for name in raw_inputs(run)],
         "outputs": _outputs(params, agent.requests, nearest),
@@ -104,8 +106,8 @@ def contract_of(run: Any, origin: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def origin_of(run: Any, policy: str, stored: dict[str, Any], evaluation: Any) -> dict[str, Any]:
-    """Where a policy comes from. policy: last or best; stored: the run's config.json; evaluation: its evaluation."""
+def origin_of(run: Run, policy: str, stored: dict[str, Any], evaluation: Any) -> dict[str, Any]:
+    """The origin of a policy. policy: last or best; stored: the run's config.json; evaluation: its evaluation."""
     return {
         "run": run.folder.name, "policy": policy, "exported_by": f"jaxnav {importlib.metadata.version('jaxnav')}",
         "config": to_json(run.config) | {"out": run.folder.name},
@@ -114,15 +116,18 @@ def origin_of(run: Any, policy: str, stored: dict[str, Any], evaluation: Any) ->
     }  # fmt: skip
 
 
-def _entry(shape, dtype, unit, low, high, meaning, frame="none", order="none"):
+def _entry(
+    shape: Sequence[int], dtype: str, unit: str, low: float, high: float, meaning: str, frame: str = "none",
+    order: str = "none",
+) -> dict[str, Any]:  # fmt: skip
     return {
         "shape": list(shape), "dtype": dtype, "unit": unit, "frame": frame, "order": order, "range": [low, high],
         "meaning": meaning,
     }  # fmt: skip
 
 
-def _each(dtype, low, high, meaning, unit="1"):
-    """Of something that there is one of for each observed person."""
+def _each(dtype: str, low: float, high: float, meaning: str, unit: str = "1") -> Callable[[Run, int], dict[str, Any]]:
+    """An input with one number for each observed person."""
     return lambda run, nearest: _entry([nearest], dtype, unit, low, high, meaning, order="people, nearest first")
 
 
@@ -134,7 +139,7 @@ _INPUTS = {
     ),
     "pedestrians": lambda run, nearest: _entry(
         [nearest, 4], "float32", "m, m, m/s, m/s", -_FAR, _FAR,
-        "Of the nearest people x, y, velocity x, velocity y. The velocity is that over ground: the robot's own is not "
+        "x, y, velocity x, velocity y of the nearest people. Velocities are over ground: the robot's own is not "
         "subtracted. Rows of nobody, and of people out of sight, are 0.",
         "robot", "people, nearest first",
     ),
@@ -147,9 +152,9 @@ _INPUTS = {
     "reply": _each("int32", 0, 2, "The answer: an index into replies."),
     "words": lambda run, nearest: _entry(
         [nearest, DIMENSIONS + 1], "float32", "1", -10.0, 10.0,
-        "What each person says, as a vector of phrasebook.py; 0 where nothing is said.", order="people, nearest first",
+        "The sentence of each person, as a vector of phrasebook.py; 0 for silence.", order="people, nearest first",
     ),
-    "message": _each("int32", 0, 3, "What each person says: an index into messages."),
+    "message": _each("int32", 0, 3, "The message of each person: an index into messages."),
     "spoken": _each("bool", 0, 1, "Whether that person says anything, small talk included."),
     "pose": lambda run, _: _entry(
         [3, 3], "float32", "m, m, rad", -_FAR, _FAR,
@@ -169,8 +174,11 @@ _INPUTS = {
 }  # fmt: skip
 
 
-def _outputs(params, requests, nearest):
-    def output(name, shape, unit, low, high, meaning, frame="none", order="none"):
+def _outputs(params: Params, requests: int, nearest: int) -> list[dict[str, Any]]:
+    def output(
+        name: str, shape: Sequence[int], unit: str, low: float, high: float, meaning: str, frame: str = "none",
+        order: str = "none",
+    ) -> dict[str, Any]:  # fmt: skip
         dtype = "int64" if name == "request" else "float32"
         return {"name": name, **_entry(shape, dtype, unit, low, high, meaning, frame, order)}
 
@@ -186,7 +194,7 @@ def _outputs(params, requests, nearest):
     ]  # fmt: skip
 
 
-def _network(run):
+def _network(run: Run) -> dict[str, Any]:
     """Sizes of `Actor` in robot/network.py."""
     agent, config, encoder = run.agent, run.agent.config, encoder_of(run.agent)
     nearest = min(run.world.config.nearest, run.world.config.pedestrians)
@@ -203,7 +211,7 @@ def _network(run):
     return sizes
 
 
-def _sentences():
+def _sentences() -> dict[str, Any]:
     """The robot's sentences. request, acknowledge: by request or message; reply: by reply; repeat: unsure."""
     sides = (STOP, RIGHT, LEFT)
     return {
@@ -214,7 +222,7 @@ def _sentences():
     }
 
 
-def _language():
+def _language() -> dict[str, Any]:
     table = default_table()
     return {
         "dimensions": DIMENSIONS + 1, "sentence_encoder": table.encoder,

@@ -11,15 +11,15 @@ from ..errors import UserError
 from .modules import modules
 from .verify import run_policy
 
-OPSET = 13  # the newest of TensorRT 8.2 and of what PyTorch's exporter writes for it
+OPSET = 13  # the newest that TensorRT 8.2 reads and PyTorch's exporter writes for it
 ONNX_TOLERANCE = 1e-4
 _OUTPUTS = ("v", "w", "request", "log_p", "heard", "answer")
 
 
-def add_onnx(folder):
+def add_onnx(folder: str | pathlib.Path) -> float:
     """Write policy.onnx into a bundle. Returns the largest error against golden.npz.
 
-    UserError: torch, onnx or onnxruntime is missing, or the file computes something else than what was recorded.
+    UserError: torch, onnx or onnxruntime is missing, or its outputs differ from the recorded ones.
     """
     _need("torch", "onnx", "onnxruntime")
     import onnxruntime
@@ -60,8 +60,8 @@ def add_onnx(folder):
     return error
 
 
-def add_torchscript(folder, python):
-    """Write policy.pt into a bundle, by a Python that has torch 1.10 or older. UserError says why it can't."""
+def add_torchscript(folder: str | pathlib.Path, python: str | pathlib.Path) -> str:
+    """Write policy.pt into a bundle by a Python with torch 1.10 or older. Returns its message. UserError: it failed."""
     folder = pathlib.Path(folder)
     try:
         return run_policy(folder, python, "--torchscript", folder.resolve() / "policy.pt")
@@ -72,7 +72,7 @@ def add_torchscript(folder, python):
         ) from None
 
 
-def _need(*packages):
+def _need(*packages: str) -> None:
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
         raise UserError(f'--onnx needs {", ".join(missing)}: pip install "jaxnav[export]"')

@@ -1,14 +1,16 @@
-"""The Python that lies in a bundle, imported from there: what a robot would run."""
+"""The Python modules of a bundle, imported from its folder as a robot does."""
 
 import contextlib
 import importlib
 import pathlib
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 
 @contextlib.contextmanager
-def modules(bundle, *names):
-    """The modules of these names, which are those of this bundle alone; afterwards nobody else finds them."""
+def modules(bundle: str | pathlib.Path, *names: str) -> Iterator[tuple[Any, ...]]:
+    """The modules of a bundle with these names; afterwards they can't be imported any more."""
     own = [path.stem for path in pathlib.Path(bundle).glob("*.py")]
     before = {name: sys.modules.pop(name, None) for name in own}
     sys.path.insert(0, str(bundle))

@@ -1,17 +1,18 @@
-"""README.md of a bundle, written from its contract: all that an engineer needs who has never seen this package."""
+"""README.md of a bundle, written from its contract for an engineer who has never seen this package."""
 
 import pathlib
+from typing import Any
 
 _TEMPLATE = pathlib.Path(__file__).parent / "robot" / "README.template.md"
 
 
-def readme_of(contract):
-    """The text."""
+def readme_of(contract: dict[str, Any]) -> str:
+    """The text of README.md."""
     head = _TEMPLATE.read_text(encoding="utf-8").format(**_facts(contract))
     return "\n".join([head, *_words(contract), *_tables(contract), *_origin(contract)])
 
 
-def _facts(contract):
+def _facts(contract: dict[str, Any]) -> dict[str, str]:
     control, safety, requests = contract["control"], contract["safety"], contract["requests"]
     asks = [request["name"] for request in requests[1:]]
     names = '", "'.join(contract["messages"][1:] + contract["replies"][1:])
@@ -33,7 +34,7 @@ def _facts(contract):
     }  # fmt: skip
 
 
-def _words(contract):
+def _words(contract: dict[str, Any]) -> list[str]:
     language = contract["language"]
     if language is None or not contract["hearing"]:
         return []
@@ -47,8 +48,9 @@ def _words(contract):
         "vector = book.look_up(\"I'm in a hurry\")  # None if it isn't known, zeros if it says nothing",
         "```",
         "Capitals and punctuation don't matter. `None` is no sentence that it knows: give `step` the message "
-        '`"unknown"` then, and the robot asks to repeat. Asked to stop, it stands for 8 s at most, but for who walks '
-        "straight into it then: from their way it steers aside first. Don't let it listen to itself while it speaks.",
+        '`"unknown"` then, and the robot asks to repeat. Asked to stop, or refused a request, it stands '
+        "for 8 s at most, unless the person would walk into it: then it steers aside first. Don't let it listen to itself "
+        "while it speaks.",
         "",
         f"Any other sentence needs the sentence encoder `{language['sentence_encoder']}` ({language['features']} "
         "numbers; from PyPI, Python 3.8 or newer, in a process of its own, never in the control loop): "
@@ -58,7 +60,7 @@ def _words(contract):
     ]
 
 
-def _tables(contract):
+def _tables(contract: dict[str, Any]) -> list[str]:
     lines = [
         "## Inputs and outputs of the policy itself",
         "`Policy().act({name: value, ...})` in policy.py, which `Navigator` calls, takes these. All of it, exactly, is "
@@ -95,7 +97,7 @@ def _tables(contract):
     ]
 
 
-def _origin(contract):
+def _origin(contract: dict[str, Any]) -> list[str]:
     origin = contract["origin"]
     versions = ", ".join(f"{name} {version}" for name, version in origin.get("versions", {}).items())
     lines = [

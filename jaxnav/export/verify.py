@@ -1,10 +1,11 @@
-"""Is a bundle whole, and does its policy still compute what it computed when it was recorded?"""
+"""Verification: is a bundle whole, and does its policy still compute the recorded outputs?"""
 
 import importlib.util
 import json
 import pathlib
 import subprocess
 import sys
+from typing import Any
 
 from ..errors import UserError
 from .bundle import travelling
@@ -19,10 +20,10 @@ _FIELDS = ("name", "shape", "dtype", "unit", "frame", "order", "range", "meaning
 _FILES = {"README.md", "requirements-jetson.txt", "weights.npz", "golden.npz"} | {path.name for path in travelling()}
 
 
-def verify(folder):
-    """Check a bundle's contract and hashes, and replay golden.npz with its own policy.py. Returns what that printed.
+def verify(folder: str | pathlib.Path) -> str:
+    """Check a bundle's contract and hashes, and replay golden.npz with its own policy.py. Returns its message.
 
-    The replay runs in a process of its own, with the torch at hand. UserError: what is wrong, or torch is missing.
+    The replay runs in a process of its own, with the torch at hand. UserError: something is wrong, or torch is missing.
     """
     folder = pathlib.Path(folder)
     _check_files(folder, _read_contract(folder))
@@ -33,9 +34,9 @@ def verify(folder):
     return run_policy(folder, sys.executable, "--selftest")
 
 
-def run_policy(folder, python, *arguments):
-    """What ``policy.py arguments`` of a bundle prints under that Python. UserError: it fails, with its last line."""
-    # Nothing is to be left behind in the bundle, not even a cache.
+def run_policy(folder: str | pathlib.Path, python: str | pathlib.Path, *arguments: object) -> str:
+    """The output of a bundle's ``policy.py arguments`` under that Python. UserError: it fails, with its last line."""
+    # -B leaves no cache behind in the bundle.
     command = [str(python), "-B", str(pathlib.Path(folder).resolve() / "policy.py"), *map(str, arguments)]
     try:
         done = subprocess.run(command, capture_output=True, text=True)
@@ -47,7 +48,7 @@ def run_policy(folder, python, *arguments):
     return done.stdout.strip()
 
 
-def _read_contract(folder):
+def _read_contract(folder: pathlib.Path) -> dict[str, Any]:
     path = folder / "contract.json"
     try:
         contract = json.loads(path.read_text(encoding="utf-8"))
@@ -72,7 +73,7 @@ def _read_contract(folder):
     return contract
 
 
-def _check_files(folder, contract):
+def _check_files(folder: pathlib.Path, contract: dict[str, Any]) -> None:
     for name, stated in contract["files"].items():
         path = folder / name
         if not path.is_file():

@@ -39,7 +39,7 @@ def torch_weights(actor: Any, requests: int, encoder: Encoder) -> dict[str, np.n
 
 def grid_tables(beams: int, robot_radius: float) -> dict[str, Any]:
     """{name: array} for the rasteriser in robot/policy.py, so that no rounding moves a cell's edge."""
-    tables = sensing.sensor_tables(beams)
+    tables: Any = sensing.sensor_tables(beams)
     return {
         "grid.beam": tables.beam.astype(np.int32), "grid.nearest": tables.nearest, "grid.farthest": tables.farthest,
         "grid.robot": tables.distance <= np.float32(robot_radius), "grid.centres": sensing.cell_centres(),

@@ -28,18 +28,18 @@ def clean(text):
 
 
 def key_of(text):
-    """What makes two phrases the same: neither case nor white space."""
+    """The text by which phrases are compared: without case and white space."""
     return clean(text).casefold()
 
 
 def has_words(text):
-    """Whether at least half of its letters and digits are Latin: an emoji, "..." or Cyrillic says nothing to us."""
+    """Whether at least half of its letters and digits are Latin: an emoji, "..." or Cyrillic is silence."""
     letters = [c for c in text if c.isalnum()]
     return 2 * sum(c < "\x80" for c in letters) >= len(letters) > 0
 
 
 def without_side(text):
-    """(said, side): the sentence with right as its first side, and which it was: 1 right, -1 left, 0 none named."""
+    """(said, side): the sentence with right as its first side, and the side it had: 1 right, -1 left, 0 none."""
     said = _RIGHT.sub(r"\1 right", _LEFT.sub("left", clean(text).lower()))
     first = _SIDE.search(said)
     if first is None:

@@ -1,6 +1,8 @@
 """Your own building as a scene: from a ROS map_server map to walls, starts, goals and who meets whom."""
 
 import math
+import pathlib
+from typing import Any
 
 import cv2
 import jax.numpy as jnp
@@ -15,12 +17,13 @@ __all__ = ["load"]
 
 MARGIN = 0.3  # m: more than `body_reach` of the usual parameters, 0.29
 _FLOOR = 1.0  # m^2 of standing room for one pedestrian
-_CELLS = 40_000  # of them a minute is spent on what is seen from where
+_CELLS = 40_000  # listing their visible walls takes a minute
 
 
 def load(
-    path, *, tolerance=None, clearance=CLEARANCE, distances=(4.0, 8.0), detour=1.3, meetings=4096, strolls=1024,
-    cell=1.0, scan_range=12.0, margin=MARGIN, seed=0,
+    path: str | pathlib.Path, *, tolerance: float | None = None, clearance: float = CLEARANCE,
+    distances: tuple[float, float] = (4.0, 8.0), detour: float = 1.3, meetings: int = 4096, strolls: int = 1024,
+    cell: float = 1.0, scan_range: float = 12.0, margin: float = MARGIN, seed: int = 0,
 ) -> Scene:  # fmt: skip
     """The scene that a ROS map_server map describes: ``path`` names its yaml file.
 
@@ -29,10 +32,14 @@ def load(
     clearance:  from starts, goals and pedestrians' lines to walls, m.
     distances:  least and greatest straight distance from the robot's start to its goal, m.
     detour:     longest path from start to goal, in straight distances: the robot sees its goal, not the way.
-    meetings, strolls: how many of them to draw. cell: side of the cells, m. scan_range: of the laser, m.
-    margin:     how far from where half a step starts the robot's body may get in it, m: 0.5 max_v dt + robot_radius.
+    meetings:   number of meetings of robot and pedestrian to draw.
+    strolls:    number of strolls of the other pedestrians to draw.
+    cell:       side of the cells for which visible walls are listed, m.
+    scan_range: range of the laser, m.
+    margin:     how far the robot's body may get from the start of half a step, m: 0.5 max_v dt + robot_radius.
+    seed:       seed of the drawing.
 
-    ValueError names file, field and remedy: also where there is no free space or no goal that can be reached.
+    ValueError: names file, field and remedy, also where there is no free space or no goal can be reached.
     """
     _check(tolerance=tolerance, clearance=clearance, distances=distances, detour=detour, meetings=meetings,
            strolls=strolls, cell=cell, scan_range=scan_range, margin=margin, seed=seed)  # fmt: skip
@@ -55,7 +62,7 @@ def load(
     (low_x, low_y), (high_x, high_y) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
     lines = placements.sample_strolls(rng, lines[:strolls])
 
-    def stroll(u):
+    def stroll(u: Any) -> Any:
         row = jnp.minimum((u[0] * len(lines)).astype(jnp.int32), len(lines) - 1)
         return straight(*jnp.moveaxis(jnp.asarray(lines)[row], -1, 0))
 
@@ -71,7 +78,9 @@ def load(
     )
 
 
-def _check(distances, detour, tolerance, meetings, strolls, seed, **positive):
+def _check(
+    distances: Any, detour: Any, tolerance: Any, meetings: Any, strolls: Any, seed: Any, **positive: Any
+) -> None:
     for name, value in positive.items():
         if not (_is_finite(value) and value > 0):
             raise ValueError(f"{name} is {value}: give a finite number above 0")
@@ -87,14 +96,14 @@ def _check(distances, detour, tolerance, meetings, strolls, seed, **positive):
         raise ValueError(f"tolerance is {tolerance}: give at least 0 metres")
 
 
-def _is_finite(value):
+def _is_finite(value: Any) -> bool:
     try:
         return math.isfinite(value)
     except (TypeError, OverflowError):
         return False
 
 
-def _check_size(free, resolution, cell):
+def _check_size(free: np.ndarray, resolution: float, cell: float) -> None:
     rows, columns = free.shape
     height, width = (resolution * (int(np.ptp(np.flatnonzero(free.any(axis=axis)))) + 1) for axis in (1, 0))
     if not (width / cell) * (height / cell) <= _CELLS:
@@ -104,8 +113,8 @@ def _check_size(free, resolution, cell):
         )
 
 
-def _rooms(free, resolution, clearance, least):
-    """The connected parts of ``free`` that are large enough for a start and a goal, a mask like it."""
+def _rooms(free: np.ndarray, resolution: float, clearance: float, least: float) -> np.ndarray:
+    """The connected parts of ``free`` that are large enough for a start and a goal, as a mask."""
     if not free.any():
         raise ValueError("no free space: check negate, free_thresh and mode against the image")
     _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)

@@ -1,8 +1,9 @@
-"""Occupancy maps as ROS map_server keeps them: a yaml file that describes an image."""
+"""Occupancy maps in the format of ROS map_server: a yaml file that describes an image."""
 
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +16,9 @@ _FARTHEST = 10_000.0  # m, of an origin
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OccupancyMap:
-    """What is known of a building, cell by cell.
+    """An occupancy grid of a building.
 
-    cells:      `[rows, columns]` uint8 of FREE, OCCUPIED, UNKNOWN; row 0 is the one of lowest y (the image's last).
+    cells:      `[rows, columns]` uint8 of FREE, OCCUPIED, UNKNOWN; row 0 has the lowest y (the image's last row).
     resolution: side of a cell, m.
     origin:     (x, y, yaw) of the outer corner of cell (0, 0) in the world; rows and columns are turned by yaw.
     """
@@ -26,24 +27,24 @@ class OccupancyMap:
     resolution: float
     origin: tuple[float, float, float]
 
-    def to_world(self, points):
+    def to_world(self, points: np.ndarray) -> np.ndarray:
         """World coordinates of ``points`` `[..., 2]`: (column, row) in cells from the outer corner of cell (0, 0)."""
         x, y, yaw = self.origin
         cos, sin = np.cos(yaw), np.sin(yaw)
         return (x, y) + self.resolution * np.asarray(points) @ np.array([[cos, sin], [-sin, cos]])
 
-    def to_cells(self, points):
+    def to_cells(self, points: np.ndarray) -> np.ndarray:
         """(column, row) in cells of world ``points`` `[..., 2]`: the inverse of `to_world`."""
         x, y, yaw = self.origin
         cos, sin = np.cos(yaw), np.sin(yaw)
         return (np.asarray(points) - (x, y)) @ np.array([[cos, -sin], [sin, cos]]) / self.resolution
 
 
-def read(path) -> OccupancyMap:
-    """The map that a yaml file describes, with map_server's meaning of every field (wiki.ros.org/map_server).
+def read(path: str | Path) -> OccupancyMap:
+    """The map that a yaml file describes; its fields mean what they mean to map_server (wiki.ros.org/map_server).
 
-    ValueError names the file, the field and the remedy: a file that is missing or unreadable, a field that is missing
-    or not what it should be, an image whose pixels are not the bytes that the thresholds are meant for.
+    ValueError: a file is missing or unreadable, a field is missing or wrong, or the image's pixels are no bytes, for
+    which the thresholds are meant. It names the file, the field and the remedy.
     """
     path = Path(path)
     fields = _read_yaml(path)
@@ -67,11 +68,11 @@ def read(path) -> OccupancyMap:
     return OccupancyMap(cells=cells[::-1], resolution=resolution, origin=_origin(path, fields))
 
 
-def _classify(image, negate, free_thresh, occupied_thresh, mode):
-    """FREE, OCCUPIED or UNKNOWN of every pixel of an image `[rows, columns]` or `[rows, columns, channels]`.
+def _classify(image: np.ndarray, negate: bool, free_thresh: float, occupied_thresh: float, mode: str) -> np.ndarray:
+    """FREE, OCCUPIED or UNKNOWN for every pixel of an image `[rows, columns]` or `[rows, columns, channels]`.
 
-    Shades between the thresholds, a gradient in mode scale, are not known to be free: UNKNOWN. Mode raw takes a pixel
-    for the percentage itself, above 100 for unknown, and holds that against the thresholds.
+    Shades between the thresholds, a gradient in mode scale, are UNKNOWN. In mode raw a pixel is the percentage itself,
+    and unknown above 100.
     """
     channels = np.atleast_3d(image).astype(np.float64)
     transparent = np.zeros(image.shape[:2], bool)
@@ -89,7 +90,7 @@ def _classify(image, negate, free_thresh, occupied_thresh, mode):
     return np.where(unknown, UNKNOWN, cells).astype(np.uint8)
 
 
-def _read_yaml(path):
+def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         fields = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -102,7 +103,7 @@ def _read_yaml(path):
     return fields
 
 
-def _read_image(path, fields):
+def _read_image(path: Path, fields: dict[str, Any]) -> np.ndarray:
     name = _field(path, fields, "image")
     if not isinstance(name, str) or not name:
         raise ValueError(f"map {path}: image is {name!r}: give the path of the map's image")
@@ -126,17 +127,17 @@ def _read_image(path, fields):
     return image
 
 
-def _field(path, fields, name):
+def _field(path: Path, fields: dict[str, Any], name: str) -> Any:
     if name not in fields:
         raise ValueError(f"map {path} has no field {name}: add it, as ROS map_server requires")
     return fields[name]
 
 
-def _number(path, fields, name):
+def _number(path: Path, fields: dict[str, Any], name: str) -> float:
     return _finite(path, name, _field(path, fields, name))
 
 
-def _origin(path, fields):
+def _origin(path: Path, fields: dict[str, Any]) -> tuple[float, float, float]:
     origin = _field(path, fields, "origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise ValueError(f"map {path}: origin is {origin!r}: give [x, y, yaw], metres and radians")
@@ -149,7 +150,7 @@ def _origin(path, fields):
     return x, y, yaw
 
 
-def _finite(path, name, value):
+def _finite(path: Path, name: str, value: Any) -> float:
     try:
         # PyYAML takes 5e-2, without a decimal point, for a string; map_server for a number.
         number = math.nan if isinstance(value, bool) else float(value)

@@ -1,9 +1,10 @@
-"""Ways through a grid of cells in which a body may stand: straight lines, and shortest paths around what blocks them.
+"""Paths through the cells in which a body may stand: straight lines, and shortest paths around obstacles.
 
-A mask `[rows, columns]` says in which cells; points are (column, row) in cells from the outer corner of cell (0, 0).
+A mask `[rows, columns]` marks these cells; points are (column, row) in cells from the outer corner of cell (0, 0).
 """
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,8 +16,8 @@ _OCTILE = 1.0824
 _GOALS = 4  # drawn for one start
 
 
-def reach(mask, points, directions, limit):
-    """How far `[N]`, at most ``limit`` `[N]`, one gets from ``points`` `[N, 2]` straight along unit vectors."""
+def reach(mask: np.ndarray, points: np.ndarray, directions: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Free distances `[N]`, at most ``limit`` `[N]`, from ``points`` `[N, 2]` straight along unit vectors `[N, 2]`."""
     padded = np.pad(mask, 1)  # a step from a cell of the mask ends in the grid or in this frame of one cell
     distance = np.zeros(len(points))
     walking = np.arange(len(points))
@@ -30,7 +31,9 @@ def reach(mask, points, directions, limit):
     return distance
 
 
-def sample_paths(rng, mask, count, distances, detour):
+def sample_paths(
+    rng: np.random.Generator, mask: np.ndarray, count: int, distances: Sequence[float], detour: float
+) -> list[np.ndarray]:
     """At most ``count`` paths, arrays of points `[C, 2]`, between random places that a path connects.
 
     distances: least and greatest straight distance from start to goal; detour: longest path, in straight distances.
@@ -56,13 +59,13 @@ def sample_paths(rng, mask, count, distances, detour):
     return list(itertools.compress(paths, fits))[:count]
 
 
-def length(path):
+def length(path: np.ndarray) -> float:
     """Length of a path of points `[C, 2]`."""
     return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
-def along(path, distance):
-    """(point, unit vector) on a path, ``distance`` from its start."""
+def along(path: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """The point of a path at ``distance`` from its start, and the path's direction there, a unit vector."""
     pieces = np.diff(path, axis=0)
     lengths = np.hypot(*pieces.T)
     ends = np.cumsum(lengths)
@@ -71,7 +74,7 @@ def along(path, distance):
     return path[i] + (distance - ends[i] + lengths[i]) * direction, direction
 
 
-def _graph(mask):
+def _graph(mask: np.ndarray) -> tuple[csr_array, np.ndarray]:
     """Steps between the cells of a mask and their eight neighbours, as a sparse matrix, and the cells' centres."""
     rows, columns = np.nonzero(mask)
     index = np.full(np.add(mask.shape, 2), -1)
@@ -88,7 +91,7 @@ def _graph(mask):
     return graph, np.stack([columns, rows], axis=1) + 0.5
 
 
-def _cells(before, end):
+def _cells(before: np.ndarray, end: int) -> list[int]:
     """The cells of a shortest path, from its source to ``end``."""
     cells = []
     while end >= 0:
@@ -97,7 +100,7 @@ def _cells(before, end):
     return cells[::-1]
 
 
-def _pulled_straight(mask, paths):
+def _pulled_straight(mask: np.ndarray, paths: list[np.ndarray]) -> list[np.ndarray]:
     """``paths`` without the points between which the straight line is free: they turn only at what blocks them."""
     points = np.concatenate(paths)
     last = np.cumsum([len(path) for path in paths]) - 1

@@ -1,20 +1,23 @@
-"""Where robots start and go on a map, and where pedestrians cross their path: sampled once, when a map is loaded."""
+"""Starts and goals of robots on a map and lines of pedestrians across their paths, sampled when a map is loaded."""
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import jax.numpy as jnp
 import numpy as np
 
 from ..world.scenes import straight
+from .occupancy import OccupancyMap
 from .paths import along, length, reach, sample_paths
 from .polygons import distance, side
 
 _MEETING = (0.35, 0.7)  # part of the robot's path after which the pedestrian is met
 _OWN_HEADING = 0.84  # least angle between both headings there, as in scene square
-_MISS = 0.25  # m between the robot's path and the pedestrian's line there: who gives way to nobody touches
+_MISS = 0.25  # m between the robot's path and the pedestrian's line there: without giving way they touch
 _ON_TIME = 0.9  # room behind the meeting point, in lengths of the robot's way there: enough to arrive together
-_WALK_ON = (1.2, 3.0)  # m that the pedestrian walks on past the meeting point: at least and at most
+_WALK_ON = (1.2, 3.0)  # m past the meeting point to the pedestrian's goal: at least and at most
 _PLACES = 8  # along a path at which it may be crossed
 _CROSSINGS = 4  # of one path, at most
 _DRAWS = 64  # of ``count`` lines each, before fewer are enough
@@ -25,11 +28,12 @@ _STROLL = (2.0, 8.0)  # m
 class Meetings:
     """N ways of a robot, each crossed by a pedestrian's straight line. Every field is float32 `[N]`.
 
-    x, y, goal_x, goal_y:   where the robot starts and goes.
-    meet_x, meet_y:         where the two meet: a point of the pedestrian's line within 0.25 m of the robot's path.
-    distance:               how far along its path the robot meets the pedestrian.
-    ux, uy:                 the direction in which the pedestrian walks there.
-    behind, ahead:          how far its line is free before and after that point.
+    x, y:           the robot's start.
+    goal_x, goal_y: the robot's goal.
+    meet_x, meet_y: the meeting point, on the pedestrian's line and within 0.25 m of the robot's path.
+    distance:       length of the robot's path to the meeting point.
+    ux, uy:         the pedestrian's direction there.
+    behind, ahead:  how far the pedestrian's line is free before and after that point.
     """
 
     x: np.ndarray
@@ -44,11 +48,11 @@ class Meetings:
     behind: np.ndarray
     ahead: np.ndarray
 
-    def draw(self, u, robot_speed, pedestrian_speed):
+    def draw(self, u: Any, robot_speed: Any, pedestrian_speed: Any) -> tuple[tuple[Any, Any, Any, Any], Any]:
         """((robot x, y, goal x, goal y), the pedestrian's route) for uniform numbers ``u`` in [0, 1).
 
-        The pedestrian starts where it has to in order to be at the meeting point together with the robot, give or take
-        0.4 m, or as far behind as its line allows. Traceable by jax; u: a sequence of at least two arrays.
+        The pedestrian starts so that it reaches the meeting point together with the robot, give or take 0.4 m, or as
+        far back as its line allows. Traceable by jax; u: a sequence of at least two arrays.
         """
         row = jnp.minimum((u[0] * self.x.size).astype(jnp.int32), self.x.size - 1)
         at = {field.name: jnp.asarray(getattr(self, field.name))[row] for field in dataclasses.fields(self)}
@@ -60,15 +64,15 @@ class Meetings:
         return (at["x"], at["y"], at["goal_x"], at["goal_y"]), straight(x, y, goal_x, goal_y)
 
 
-def standing_room(free, clearance):
-    """The cells of ``free`` whose centre is ``clearance``, in cells, from the border of free space."""
+def standing_room(free: np.ndarray, clearance: float) -> np.ndarray:
+    """The cells of ``free`` whose centre is at least ``clearance`` cells from the border of free space, as a mask."""
     # OpenCV measures between centres; the border is half a cell before the centre of what isn't free.
     to_border = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return to_border[1:-1, 1:-1] >= clearance + 0.5
 
 
-def clear_of(walls, lines, clearance):
-    """Whether each of ``lines`` `[N, 4]` keeps ``clearance`` from every one of ``walls`` `[E, 4]` and crosses none."""
+def clear_of(walls: np.ndarray, lines: np.ndarray, clearance: float) -> np.ndarray:
+    """`[N]` whether a line of ``lines`` `[N, 4]` keeps ``clearance`` from all ``walls`` `[E, 4]` and crosses none."""
     clear = np.ones(len(lines), bool)
     for rows in np.array_split(np.arange(len(lines)), len(lines) * len(walls) // 1_000_000 + 1):
         a, b = lines[rows, None, :2], lines[rows, None, 2:]
@@ -79,7 +83,9 @@ def clear_of(walls, lines, clearance):
     return clear
 
 
-def sample_lines(rng, building, room, walls, count, clearance):
+def sample_lines(
+    rng: np.random.Generator, building: OccupancyMap, room: np.ndarray, walls: np.ndarray, count: int, clearance: float
+) -> np.ndarray:
     """`[<= count, 4]` x, y, end x, end y: straight lines that keep ``clearance``, m, as long as room allows.
 
     building: `OccupancyMap`; room: where a body's centre may be, from `standing_room`; walls: `[E, 4]`. The lines reach
@@ -104,7 +110,7 @@ def sample_lines(rng, building, room, walls, count, clearance):
     return np.concatenate(found)[:count]
 
 
-def sample_strolls(rng, lines):
+def sample_strolls(rng: np.random.Generator, lines: np.ndarray) -> np.ndarray:
     """`[S, 4]` float32 x, y, goal x, goal y: a part of 2 to 8 m of each of ``lines`` `[S, 4]`."""
     starts, steps = lines[:, :2], lines[:, 2:] - lines[:, :2]
     lengths = np.hypot(*steps.T)
@@ -113,15 +119,18 @@ def sample_strolls(rng, lines):
     return np.concatenate([starts + f[:, None] * steps for f in (first, first + part)], axis=1).astype(np.float32)
 
 
-def sample_meetings(rng, building, room, walls, lines, count, distances, detour, clearance):
-    """`Meetings`: ``count`` of them, or as many as the paths that are drawn have with ``lines``, from `sample_lines`.
+def sample_meetings(
+    rng: np.random.Generator, building: OccupancyMap, room: np.ndarray, walls: np.ndarray, lines: np.ndarray,
+    count: int, distances: Sequence[float], detour: float, clearance: float,
+) -> Meetings:  # fmt: skip
+    """At most ``count`` `Meetings` on drawn paths with ``lines``, from `sample_lines`.
 
-    distances: least and greatest from start to goal, m; detour: longest path, in straight distances; clearance: of
-    starts and goals, m. ValueError: no goal can be reached, or nobody crosses a path.
+    distances: least and greatest distance from start to goal, m; detour: longest path, in straight distances;
+    clearance: of starts and goals, m. ValueError: no goal can be reached, or no line crosses a path.
     """
     scale = building.resolution
     least, greatest = distances
-    paths = sample_paths(rng, room, count // _CROSSINGS + 1, np.divide(distances, scale), detour)
+    paths = sample_paths(rng, room, count // _CROSSINGS + 1, (least / scale, greatest / scale), detour)
     paths = [building.to_world(path) for path in paths]
     ends = np.array([np.tile(path[[0, -1]], 2) for path in paths]).reshape(-1, 4)
     clear = np.all(clear_of(walls, ends, clearance).reshape(-1, 2), axis=1)
@@ -140,8 +149,8 @@ def sample_meetings(rng, building, room, walls, lines, count, distances, detour,
     return Meetings(*rows.astype(np.float32).T.copy())
 
 
-def _crossings(rng, path, lines):
-    """Rows `[<= 4, 11]` in the order of `Meetings`: some of ``lines``, walked either way, that meet a path `[C, 2]`."""
+def _crossings(rng: np.random.Generator, path: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Rows `[<= 4, 11]` in the order of `Meetings`: some ``lines``, in either direction, that meet a path `[C, 2]`."""
     before = rng.uniform(*_MEETING, _PLACES) * length(path)
     place, way = np.array([along(path, d) for d in before]).transpose(1, 2, 0)[..., None]
     sx, sy, ex, ey = np.where(rng.random(len(lines)) < 0.5, lines.T, lines.T[[2, 3, 0, 1]])

@@ -1,4 +1,6 @@
-"""The border of free space as closed chains of walls, simplified to a stated tolerance."""
+"""The border of free space as closed chains of walls, simplified to a given tolerance."""
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -6,10 +8,10 @@ import numpy as np
 _BLOCK = 256
 
 
-def simple_border(free):
-    """``free`` `[rows, columns]` bool less the cells by which it touches itself only at a corner.
+def simple_border(free: np.ndarray) -> np.ndarray:
+    """``free`` `[rows, columns]` bool without the cells at which it touches itself only at a corner.
 
-    What remains is bordered by closed curves that neither touch nor cross each other.
+    The border of the remaining cells are closed curves that neither touch nor cross each other.
     """
     free = free.copy()
     while True:
@@ -21,10 +23,10 @@ def simple_border(free):
         b[rising] = False
 
 
-def wall_chains(free, tolerance):
+def wall_chains(free: np.ndarray, tolerance: float) -> list[np.ndarray]:
     """Closed chains `[V, 2]` of (column, row) along the border of ``free``, a mask from `simple_border`.
 
-    Free space lies to the left of every edge, what is beyond the mask is not free. ``tolerance``, in cells, bounds how
+    Free space lies to the left of every edge; nothing beyond the mask is free. ``tolerance``, in cells, bounds how
     far the chains leave the cells' own border; it is halved for chains that would otherwise vanish (a pillar of one
     cell) or meet a chain.
     """
@@ -40,26 +42,26 @@ def wall_chains(free, tolerance):
             tolerances[i] = 0.5 * tolerances[i] if tolerances[i] > 0.5 else 0.0
 
 
-def edges(chains):
+def edges(chains: Sequence[np.ndarray]) -> np.ndarray:
     """`[E, 4]` ax, ay, bx, by of the walls of closed chains, in their order."""
     return np.concatenate([np.concatenate([chain, np.roll(chain, -1, axis=0)], axis=1) for chain in chains])
 
 
-def side(a, b, points):
+def side(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Cross product of b - a and ``points`` - a, `[..., 2]` each: positive to the left of the way from a to b."""
     return (b[..., 0] - a[..., 0]) * (points[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
         points[..., 0] - a[..., 0]
     )
 
 
-def distance(points, a, b):
-    """From ``points`` to the segments a-b, `[..., 2]` each."""
+def distance(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distances from ``points`` to the segments a-b, `[..., 2]` each."""
     e = b - a
     t = np.clip(np.sum((points - a) * e, axis=-1) / np.maximum(np.sum(e * e, axis=-1), 1e-12), 0.0, 1.0)
     return np.hypot(*np.moveaxis(points - a - t[..., None] * e, -1, 0))
 
 
-def _borders(free):
+def _borders(free: np.ndarray) -> list[np.ndarray]:
     """Chains `[V, 2]` of cell corners along the border of ``free``, free space to the left."""
     doubled = np.kron(np.pad(free, 1), np.ones((2, 2), bool)).astype(np.uint8)
     contours, hierarchy = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -74,17 +76,17 @@ def _borders(free):
     return borders
 
 
-def _area(points):
+def _area(points: np.ndarray) -> float:
     x, y = points.astype(np.float64).T
     return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
 
 
-def _simplify(border, tolerance):
+def _simplify(border: np.ndarray, tolerance: float) -> np.ndarray:
     return cv2.approxPolyDP(border[:, None], tolerance, True)[:, 0].astype(np.float64)
 
 
-def _meeting(chains):
-    """Indices of the chains of which an edge touches or crosses one that is not its neighbour."""
+def _meeting(chains: Sequence[np.ndarray]) -> set[int]:
+    """Indices of the chains with an edge that touches or crosses another edge than its neighbours."""
     lines = edges(chains)
     sizes = [len(chain) for chain in chains]
     owner = np.repeat(np.arange(len(chains)), sizes)
@@ -105,7 +107,7 @@ def _meeting(chains):
     return found
 
 
-def _opposite(lines, others):
-    """Whether the ends of ``others`` lie not both strictly to the same side of ``lines``, `[M, 4]` each."""
+def _opposite(lines: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether the ends of ``others`` are not both strictly on the same side of ``lines``, `[M, 4]` each."""
     a, b = lines[:, :2], lines[:, 2:]
     return side(a, b, others[:, :2]) * side(a, b, others[:, 2:]) <= 0

@@ -1,8 +1,11 @@
-"""Which walls can be seen from which square of a map, so that a beam tests few of them.
+"""Lists of the walls that are visible from each square of a map, so that a beam tests few of them.
 
 A wall is left out of a square's list only if no beam from free space in the square can hit it first, so ranges to the
 listed walls are those to all of them.
 """
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +18,11 @@ _HIDING = 128  # pieces tried for one square: those that look largest from it
 _STRICT = 1e-4  # m^2 and m: what is hidden by less counts as seen
 
 
-def visible_walls(chains, size, margin, scan_range) -> WallCells:
-    """`WallCells` of closed ``chains``, free space to the left, that don't meet each other.
+def visible_walls(chains: Sequence[np.ndarray], size: float, margin: float, scan_range: float) -> WallCells:
+    """`WallCells` of closed ``chains`` that don't meet each other, free space to their left.
 
-    size: side of a cell, m; margin: m around a cell from which its list holds as well; scan_range: m within which a
-    wall counts.
+    size: side of a cell, m; margin: width around a cell in which its list is valid as well, m; scan_range: range of the
+    laser, m.
     """
     walls = edges(chains)
     pieces = _pieces(chains)
@@ -31,7 +34,7 @@ def visible_walls(chains, size, margin, scan_range) -> WallCells:
         for column in range(columns):
             centre = low + size * (np.array([column, row]) + 0.5)
             gaps = distance(centre, walls[:, :2], walls[:, 2:])
-            # Without free space there is nobody to see anything.
+            # No free space, no beam.
             if gaps.min() > np.sqrt(2) * half and not _inside(centre, walls):
                 lists.append(np.zeros(0, int))
                 continue
@@ -40,7 +43,7 @@ def visible_walls(chains, size, margin, scan_range) -> WallCells:
             near = np.flatnonzero(gaps <= scan_range + np.sqrt(2) * reach)
             near = near[np.any(_left(walls[near], corners) > -_STRICT, axis=1)]
             lists.append(near[~_hidden(corners, walls[near], *pieces)])
-    table = np.full((rows * columns, max(map(len, lists))), -1, np.int32)
+    table: Any = np.full((rows * columns, max(map(len, lists))), -1, np.int32)
     for cell, seen in zip(table, lists, strict=True):
         cell[: len(seen)] = seen
     return WallCells(
@@ -49,12 +52,12 @@ def visible_walls(chains, size, margin, scan_range) -> WallCells:
     )  # fmt: skip
 
 
-def _pieces(chains):
-    """Chords `[P, 4]` between vertices of a chain and, `[P]` each, how far to the left of them the chain between goes:
-    least (<= 0) and most (>= 0), m. Among them is every wall by itself.
+def _pieces(chains: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pieces of chain: their chords `[P, 4]` and how far they go to the left of them, least (<= 0) and most (>= 0), m.
 
-    Who crosses a chord from beyond one of these depths to beyond the other has crossed the piece of chain: chord and
-    piece are a closed curve, both ends of the way are outside it, and it can't come back through the chord.
+    Every wall is a piece by itself. A beam that crosses a chord, from beyond one of these depths to beyond the other,
+    has crossed the piece: chord and piece are a closed curve, both ends of the beam are outside it, and the beam can't
+    come back through the chord.
     """
     chords, depths = [], []
     for chain in map(np.asarray, chains):
@@ -77,8 +80,10 @@ def _pieces(chains):
     return chords, *np.concatenate(depths)[unique].T
 
 
-def _hidden(corners, walls, chords, least, most):
-    """Whether each of ``walls`` `[W, 4]` is behind one of the pieces of chain, from everywhere between ``corners``.
+def _hidden(
+    corners: np.ndarray, walls: np.ndarray, chords: np.ndarray, least: np.ndarray, most: np.ndarray
+) -> np.ndarray:
+    """`[W]` whether a wall of ``walls`` `[W, 4]` is behind a piece of chain for every point between ``corners``.
 
     If all eight lines from the corners to a wall's ends cross a chord, so do all lines between: where such a line
     passes an end of the chord is linear in both of its own ends.
@@ -98,7 +103,7 @@ def _hidden(corners, walls, chords, least, most):
     beyond = _left(turned, ends).T / lengths < depth - _STRICT  # [2 W, P]
     to_end = ends[None] - corners[:, None]  # [4, 2 W, 2]
 
-    def passes(points):
+    def passes(points: np.ndarray) -> np.ndarray:
         to_point = points[None] - corners[:, None]  # [4, P, 2]
         return to_end[..., None, 0] * to_point[:, None, :, 1] - to_end[..., None, 1] * to_point[:, None, :, 0]
 
@@ -106,19 +111,19 @@ def _hidden(corners, walls, chords, least, most):
     return np.any((crossed & beyond).reshape(len(walls), 2, len(chosen)).all(axis=1), axis=1)
 
 
-def _looks(corners, chords):
-    """The angle `[P]` under which a chord is seen at least, from any of the corners `[4, 2]`."""
+def _looks(corners: np.ndarray, chords: np.ndarray) -> np.ndarray:
+    """The smallest angle `[P]` under which a chord is seen from the corners `[4, 2]`."""
     a, b = (chords[:, None, i : i + 2] - corners for i in (0, 2))
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return np.abs(np.arctan2(cross, np.sum(a * b, axis=-1))).min(axis=1)
 
 
-def _left(lines, points):
-    """How far to the left of ``lines`` `[N, 4]` are ``points``, `[M, 2]` or `[N, M, 2]`: `[N, M]` cross products."""
+def _left(lines: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Cross products `[N, M]` of ``lines`` `[N, 4]` and ``points``, `[M, 2]` or `[N, M, 2]`, positive to the left."""
     return side(lines[:, None, :2], lines[:, None, 2:], points)
 
 
-def _inside(point, walls):
+def _inside(point: np.ndarray, walls: np.ndarray) -> bool:
     """Whether a point is in free space: an odd number of walls is to its right."""
     ax, ay, bx, by = walls.T
     spans = (ay > point[1]) != (by > point[1])

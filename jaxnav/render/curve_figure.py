@@ -1,8 +1,12 @@
 """The learning curve of a run, drawn with matplotlib from the lines of its metrics.jsonl."""
 
 import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -13,15 +17,17 @@ from . import palette
 from .words import scene_title
 
 _DPI = 150
+Lines = Sequence[dict[str, Any]]
+
 _THRESHOLD = 0.95  # the success rate at which a scene counts as learned
 
 
-def learning_curve(lines, path):
+def learning_curve(lines: Lines, path: str | Path) -> Figure:
     """Draw success, losses, entropies and temperatures of a run; write a PNG to ``path``.
 
     lines: the dicts of metrics.jsonl in order: updates, wall_seconds, critic_loss, actor_loss, twist_entropy,
-    request_entropy, twist_temperature, request_temperature, success (scene -> rate in recent training or None) and, on some
-    lines, evaluation (scene -> rate). A value may be missing or None. Returns the `Figure`. ValueError: no lines.
+    request_entropy, twist_temperature, request_temperature, success (scene -> rate in recent training or None) and, on
+    some lines, evaluation (scene -> rate). A value may be missing or None. ValueError: no lines.
     """
     if not lines:
         raise ValueError("metrics.jsonl holds no line: train before drawing a learning curve")
@@ -60,19 +66,19 @@ def learning_curve(lines, path):
     return figure
 
 
-def _column(lines, name):
+def _column(lines: Lines, name: str) -> np.ndarray:
     """Values of a metric `[lines]`, NaN where there is none."""
     return np.array([np.nan if line.get(name) is None else line[name] for line in lines], float)
 
 
-def _span(updates):
+def _span(updates: np.ndarray) -> tuple[float, float]:
     """Limits of the axis of updates, with room for a single line."""
     seen = updates[np.isfinite(updates)]
     high = max(seen.max(initial=0.0), 1.0)
     return -0.02 * high, 1.02 * high
 
 
-def _draw_success(axes, lines, updates):
+def _draw_success(axes: Axes, lines: Lines, updates: np.ndarray) -> list[Line2D]:
     """The large panel. Returns handles for the legend."""
     recent, tested = ([line.get(kind) or {} for line in lines] for kind in ("success", "evaluation"))
     names = list(dict.fromkeys(name for rates in (*recent, *tested) for name in rates))
@@ -96,7 +102,14 @@ def _draw_success(axes, lines, updates):
     return handles
 
 
-def _draw_measures(axes, lines, updates, title, measures, logarithmic=True):
+def _draw_measures(
+    axes: Axes,
+    lines: Lines,
+    updates: np.ndarray,
+    title: str,
+    measures: dict[str, tuple[str, str]],
+    logarithmic: bool = True,
+) -> None:
     """Curves of one panel. measures: metric -> (label, colour). Logarithmic where positive and not all alike."""
     values = {name: _column(lines, name) for name in measures}
     seen = np.concatenate(list(values.values()))
@@ -117,13 +130,13 @@ def _draw_measures(axes, lines, updates, title, measures, logarithmic=True):
     axes.set_title(title, size=11, loc="left")
 
 
-def _lone_mark(values):
-    """A line through a single value is invisible: the style that shows it."""
+def _lone_mark(values: np.ndarray) -> dict[str, Any]:
+    """The style that shows a line through a single value, which is invisible otherwise."""
     return {"marker": ".", "markersize": 7} if np.isfinite(values).sum() == 1 else {}
 
 
-def _draw_seconds(axes, updates, seconds):
-    """A second axis on top that tells the wall time at which an update was done."""
+def _draw_seconds(axes: Axes, updates: np.ndarray, seconds: np.ndarray) -> None:
+    """A second axis on top: the wall time of each update."""
     known = np.isfinite(updates) & np.isfinite(seconds)
     top = axes.secondary_xaxis("top")
     top.set_xlabel("wall time (s)")

@@ -2,12 +2,15 @@
 
 import dataclasses
 import functools
+from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import jax
 import numpy as np
 
-from ..world import lidar
+from ..training.rollout import Episode
+from ..world import Params, Scene, World, lidar
 from . import palette
 from .lettering import text_width, write
 from .words import captions, ending, scene_title
@@ -20,14 +23,14 @@ _BAND = 0.155  # height of the caption band as a share of the frame's
 
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Where a scene lies in a frame: ``scale`` pixels a metre; (left, top) is the pixel of (x, y) = (0, 0)."""
+    """The place of a scene in a frame: ``scale`` pixels a metre; (left, top) is the pixel of (x, y) = (0, 0)."""
 
     scale: float
     left: float
     top: float
 
     @classmethod
-    def of(cls, scene, size=SIZE):
+    def of(cls, scene: Scene, size: tuple[int, int] = SIZE) -> "View":
         """The view that fits a `Scene` above the caption band, centred; size: (width, height) of the frame."""
         corners = np.concatenate([np.array(chain) for chain in scene.chains])
         low, high = corners.min(axis=0) - _MARGIN, corners.max(axis=0) + _MARGIN
@@ -36,28 +39,36 @@ class View:
         middle = (low + high) / 2
         return cls(float(scale), float(width / 2 - scale * middle[0]), float(height / 2 + scale * middle[1]))
 
-    def pixels(self, x, y):
+    def pixels(self, x: Any, y: Any) -> np.ndarray:
         """World coordinates (any shape) -> pixel coordinates `[..., 2]` (column, row), float; y points up."""
         return np.stack([self.left + self.scale * np.asarray(x), self.top - self.scale * np.asarray(y)], axis=-1)
 
 
-def scan_episode(world, params, episode):
-    """What the laser measured in every state of an `Episode`: ranges `[n + 1, B]`, or None if the world has no scan."""
+def scan_episode(world: World, params: Params, episode: Episode) -> np.ndarray | None:
+    """The laser's ranges `[n + 1, B]` in every state of an `Episode`, None if the world has no scan."""
     if "scan" not in world.config.observation:
         return None
     return np.asarray(_scans(world, episode.states, params))
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _scans(world, states, params):
+def _scans(world: World, states: Any, params: Params) -> Any:
     return jax.vmap(lambda state: world.observe(state, params).scan)(states)
 
 
-def draw_frame(world, params, episode, t, size=SIZE, scans=None):
+def draw_frame(
+    world: World,
+    params: Params,
+    episode: Episode,
+    t: int,
+    size: tuple[int, int] = SIZE,
+    scans: np.ndarray | None = None,
+) -> np.ndarray:
     """State ``t`` of an `Episode` as a picture: uint8 `[height, width, 3]`, RGB.
 
-    size: (width, height) in pixels; scans: `scan_episode`'s result, for those who draw many frames of an episode.
+    size: (width, height) in pixels; scans: `scan_episode`'s result, to draw many frames of one episode.
     """
+    scan: Any
     if scans is None:
         scans = scan_episode(world, params, dataclasses.replace(episode, states=_one_state(episode, t)))
         scan = None if scans is None else scans[0]
@@ -69,14 +80,16 @@ def draw_frame(world, params, episode, t, size=SIZE, scans=None):
     pen = _Pen(canvas, View.of(scene, size))
     chains = [np.array(chain) for chain in scene.chains]
     pen.fill([pen.view.pixels(*chain.T) for chain in chains], palette.FLOOR)
-    if scan is not None:
-        ends = _scan_ends(episode.states.robot, t, scan)
-        fan = np.append(ends, [[episode.states.robot.x[t], episode.states.robot.y[t]]], axis=0)
+    ends = None if scan is None else _scan_ends(episode.states.robot, t, scan)
+    if ends is not None:
+        fan = np.concatenate([ends, [[episode.states.robot.x[t], episode.states.robot.y[t]]]])
         pen.fill([pen.view.pixels(*fan.T)], palette.LASER, alpha=0.16)
     for chain in chains:
-        pen.path(*np.append(chain, chain[:1], axis=0).T, palette.WALL, 2.5)
-    if scan is not None:
-        pen.dots(*ends[scan < params.scan_range].T, palette.LASER, 1.2)
+        x, y = np.append(chain, chain[:1], axis=0).T
+        pen.path(x, y, palette.WALL, 2.5)
+    if ends is not None:
+        x, y = ends[scan < params.scan_range].T
+        pen.dots(x, y, palette.LASER, 1.2)
     _draw_goal(pen, episode.states.robot, t, params)
     _draw_agents(pen, episode, t, params)
     _draw_band(canvas, world, episode, t, params)
@@ -86,55 +99,55 @@ def draw_frame(world, params, episode, t, size=SIZE, scans=None):
 class _Pen:
     """Draws on a canvas in world coordinates, anti-aliased. Lengths are metres, widths of lines pixels at `SIZE`."""
 
-    def __init__(self, canvas, view):
+    def __init__(self, canvas: np.ndarray, view: View) -> None:
         self.canvas, self.view = canvas, view
         self._stroke = canvas.shape[1] / SIZE[0]
 
-    def _width(self, width):
+    def _width(self, width: float) -> int:
         return max(1, round(width * self._stroke))
 
-    def fill(self, polygons, colour, alpha=1.0):
-        """Fill polygons given in pixels; where they overlap is outside (even-odd), so that pillars stay solid."""
+    def fill(self, polygons: Sequence[np.ndarray], colour: str, alpha: float = 1.0) -> None:
+        """Fill polygons given in pixels, by the even-odd rule, so that pillars stay solid."""
         target = self.canvas if alpha == 1.0 else self.canvas.copy()
         cv2.fillPoly(target, [_fixed(polygon) for polygon in polygons], palette.rgb(colour), cv2.LINE_AA, _SHIFT)
         if alpha < 1.0:
             cv2.addWeighted(target, alpha, self.canvas, 1.0 - alpha, 0.0, dst=self.canvas)
 
-    def path(self, x, y, colour, width):
+    def path(self, x: Any, y: Any, colour: str, width: float) -> None:
         points = _fixed(self.view.pixels(x, y))
         cv2.polylines(self.canvas, [points], False, palette.rgb(colour), self._width(width), cv2.LINE_AA, _SHIFT)
 
-    def arrow(self, x, y, dx, dy, colour, width):
+    def arrow(self, x: Any, y: Any, dx: Any, dy: Any, colour: str, width: float) -> None:
         start, end = self.view.pixels([x, x + dx], [y, y + dy])
         length = np.hypot(*(end - start))
         if length < 1.0:
             return
         tip = min(0.5, 6.0 * self._stroke / length)
-        points = [tuple(map(int, _fixed(point))) for point in (start, end)]
-        cv2.arrowedLine(self.canvas, *points, palette.rgb(colour), self._width(width), cv2.LINE_AA, _SHIFT, tip)
+        tail, head = _fixed(start).tolist(), _fixed(end).tolist()
+        cv2.arrowedLine(self.canvas, tail, head, palette.rgb(colour), self._width(width), cv2.LINE_AA, _SHIFT, tip)
 
-    def disc(self, x, y, radius, colour, width=None):
+    def disc(self, x: Any, y: Any, radius: Any, colour: str, width: float | None = None) -> None:
         """A disc, or a circle where a line width is given."""
         centre = tuple(map(int, _fixed(self.view.pixels(x, y))))
         thickness = cv2.FILLED if width is None else self._width(width)
         radius = round(radius * self.view.scale * 2**_SHIFT)
         cv2.circle(self.canvas, centre, radius, palette.rgb(colour), thickness, cv2.LINE_AA, _SHIFT)
 
-    def dots(self, x, y, colour, radius):
+    def dots(self, x: Any, y: Any, colour: str, radius: float) -> None:
         """Many small discs; radius in pixels at `SIZE`."""
         channels, radius = palette.rgb(colour), max(1, round(radius * self._stroke * 2**_SHIFT))
         for centre in _fixed(self.view.pixels(x, y)).tolist():
             cv2.circle(self.canvas, centre, radius, channels, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
 
-def _draw_goal(pen, robot, t, params):
+def _draw_goal(pen: _Pen, robot: Any, t: int, params: Params) -> None:
     x, y = robot.goal_x[t], robot.goal_y[t]
     pen.disc(x, y, params.goal_tolerance, _tint(palette.GOAL, 0.22))
     pen.disc(x, y, params.goal_tolerance, palette.GOAL, 1)
     pen.fill([pen.view.pixels(*_star(x, y, 0.6 * params.goal_tolerance))], palette.GOAL)
 
 
-def _scan_ends(robot, t, scan):
+def _scan_ends(robot: Any, t: int, scan: np.ndarray) -> np.ndarray:
     """End points `[B, 2]` of the beams in the world."""
     beam_x, beam_y = lidar.beam_directions(len(scan))
     cos, sin = np.cos(robot.heading[t]), np.sin(robot.heading[t])
@@ -142,7 +155,7 @@ def _scan_ends(robot, t, scan):
     return np.stack([x, robot.y[t] + scan * (sin * beam_x + cos * beam_y)], axis=-1)
 
 
-def _draw_agents(pen, episode, t, params):
+def _draw_agents(pen: _Pen, episode: Episode, t: int, params: Params) -> None:
     robot, walkers, encounters = episode.states.robot, episode.states.pedestrians, episode.states.encounters
     for i in episode.present:
         pen.path(walkers.x[: t + 1, i], walkers.y[: t + 1, i], _tint(palette.PEDESTRIAN, 0.5), 2)
@@ -164,7 +177,7 @@ def _draw_agents(pen, episode, t, params):
     if len(episode.present) > 1:
         size = _font_size(pen.canvas, 11)
         for i in episode.present:
-            # Beside the one it names, on the side away from where it walks.
+            # Beside the pedestrian, on the side that it walks away from.
             column, row = pen.view.pixels(walkers.x[t, i], walkers.y[t, i])
             gap = params.body_radius * pen.view.scale + 0.75 * size
             away = -1.0 if walkers.vx[t, i] > 0 else 1.0
@@ -173,7 +186,7 @@ def _draw_agents(pen, episode, t, params):
         pen.disc(x, y, 2.2 * params.robot_radius, palette.COLLISION, 3)
 
 
-def _draw_band(canvas, world, episode, t, params):
+def _draw_band(canvas: np.ndarray, world: World, episode: Episode, t: int, params: Params) -> None:
     height, width = canvas.shape[:2]
     band = _band_height((width, height))
     top = height - band
@@ -198,7 +211,7 @@ def _draw_band(canvas, world, episode, t, params):
         write(canvas, sentence, left, row, fitting, inks[speaker])
 
 
-def _draw_legend(canvas, right, row, size):
+def _draw_legend(canvas: np.ndarray, right: float, row: float, size: int) -> None:
     for name, colour in (("goal", palette.GOAL), ("pedestrian", palette.PEDESTRIAN), ("robot", palette.ROBOT)):
         right -= text_width(name, size)
         write(canvas, name, right, row, size, palette.FAINT_INK)
@@ -213,32 +226,32 @@ def _draw_legend(canvas, right, row, size):
         right -= 1.3 * size
 
 
-def _font_size(canvas, pixels):
+def _font_size(canvas: np.ndarray, pixels: float) -> int:
     """Font size for a canvas, from the size at `SIZE`."""
     return max(6, round(pixels * min(canvas.shape[1] / SIZE[0], canvas.shape[0] / SIZE[1])))
 
 
-def _band_height(size):
+def _band_height(size: tuple[int, int]) -> int:
     return round(_BAND * size[1])
 
 
-def _one_state(episode, t):
+def _one_state(episode: Episode, t: int) -> Any:
     return jax.tree.map(lambda leaf: leaf[t : t + 1], episode.states)
 
 
-def _star(x, y, radius):
+def _star(x: float, y: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Ten corners of a star that stands upright."""
     angles = np.pi / 2 + np.arange(10) * np.pi / 5
     reach = radius * np.where(np.arange(10) % 2, 0.42, 1.0)
     return x + reach * np.cos(angles), y + reach * np.sin(angles)
 
 
-def _fixed(points):
+def _fixed(points: Any) -> np.ndarray:
     """Pixel coordinates as the fixed-point numbers OpenCV draws with; pixel centres are whole numbers there."""
     return np.rint((np.asarray(points, np.float64) - 0.5) * 2**_SHIFT).astype(np.int32)
 
 
-def _tint(colour, strength):
-    """``colour`` on white paper, thinned."""
+def _tint(colour: str, strength: float) -> str:
+    """``colour`` mixed with white."""
     channels = [round(255 + strength * (channel - 255)) for channel in palette.rgb(colour)]
     return "#{:02X}{:02X}{:02X}".format(*channels)

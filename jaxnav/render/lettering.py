@@ -1,4 +1,4 @@
-"""Text for OpenCV pictures, in a typeface that can be read: OpenCV's own are strokes."""
+"""Text for OpenCV pictures in a legible typeface: OpenCV's own are strokes."""
 
 import functools
 from pathlib import Path
@@ -10,10 +10,13 @@ from PIL import Image, ImageDraw, ImageFont
 from .palette import rgb
 
 
-def write(canvas, text, column, row, size, colour, bold=False, anchor="l"):
+def write(
+    canvas: np.ndarray, text: str, column: float, row: float, size: int, colour: str, bold: bool = False,
+    anchor: str = "l",
+) -> int:  # fmt: skip
     """Write a line of text into a uint8 `[H, W, 3]` canvas, its middle at ``row``; return its width in pixels.
 
-    colour: "#RRGGBB"; anchor: "l" starts at ``column``, "m" is centred there. What reaches over the edge is cut.
+    colour: "#RRGGBB"; anchor: "l" starts at ``column``, "m" is centred there. Text beyond the edge is cut.
     """
     mask = _mask(text, size, bold)
     height, width = mask.shape
@@ -28,13 +31,13 @@ def write(canvas, text, column, row, size, colour, bold=False, anchor="l"):
     return width
 
 
-def text_width(text, size, bold=False):
+def text_width(text: str, size: int, bold: bool = False) -> int:
     """Width in pixels of a line of text."""
     return _mask(text, size, bold).shape[1]
 
 
 @functools.lru_cache(maxsize=512)
-def _mask(text, size, bold):
+def _mask(text: str, size: int, bold: bool) -> np.ndarray:
     """Coverage `[height, width]` in [0, 1] of a line of text; lines of one size have one height."""
     font = _font(size, bold)
     ascent, descent = font.getmetrics()
@@ -44,7 +47,7 @@ def _mask(text, size, bold):
 
 
 @functools.lru_cache(maxsize=32)
-def _font(size, bold):
+def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
     # matplotlib carries this one wherever it is installed.
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path(), "fonts", "ttf", name)), size)

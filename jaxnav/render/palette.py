@@ -1,5 +1,7 @@
 """Colours, safe for the colour-blind (Okabe and Ito 2008), the same in every frame and figure."""
 
+from collections.abc import Sequence
+
 from ..world import SCENES
 
 ROBOT = "#0072B2"
@@ -22,12 +24,12 @@ _SCENES = (
 )  # fmt: skip
 
 
-def scene_colours(names):
-    """A dict from scene name to colour. A registered scene always has the same one; others take what is left."""
+def scene_colours(names: Sequence[str]) -> dict[str, str]:
+    """Colours by scene name. A registered scene always has the same one; other scenes take the remaining ones."""
     order = [*SCENES, *(name for name in names if name not in SCENES)]
     return {name: _SCENES[order.index(name) % len(_SCENES)] for name in names}
 
 
-def rgb(colour):
+def rgb(colour: str) -> tuple[int, ...]:
     """(red, green, blue) in 0-255 of "#RRGGBB"."""
     return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))

@@ -1,8 +1,12 @@
-"""Trajectories of a run's episodes, drawn with matplotlib: where everybody went, when, and what was said."""
+"""Trajectories of a run's episodes with their times and utterances, drawn with matplotlib."""
 
 import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -11,7 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from ..world import Params
+from ..training.rollout import Episode
+from ..world import Params, Scene, World
 from . import palette
 from .labels import along, free_spot
 from .words import ending, in_short, scene_title, utterances
@@ -24,12 +29,13 @@ _TIME_COLOURS = LinearSegmentedColormap.from_list(
 )
 
 
-def trajectories(world, episodes, path, params=Params(), played=None):
+def trajectories(
+    world: World, episodes: Sequence[Episode], path: str | Path, params: Params = Params(), played: int | None = None
+) -> Figure:
     """Draw a few `Episode` s of each scene, a row each, successes left and a failure right; write a PNG to ``path``.
 
-    Time is colour. Of a scene's successes one in which the robot asks and one in which a pedestrian speaks are
-    preferred. played: how many episodes of a scene the given ones were chosen from, failures first, if not all are
-    given. Returns the `Figure`. ValueError: no episodes.
+    Time is colour. Successes in which the robot asks or a pedestrian speaks are preferred. played: number of episodes
+    of a scene from which the given ones were chosen, failures first; by default all are given. ValueError: no episodes.
     """
     rows = [(scene, [e for e in episodes if e.scene == scene.name]) for scene in world.scenes]
     rows = [(scene, own) for scene, own in rows if own]
@@ -89,11 +95,11 @@ def trajectories(world, episodes, path, params=Params(), played=None):
     return figure
 
 
-def _choose(episodes):
+def _choose(episodes: Sequence[Episode]) -> list[Episode | None]:
     """The episodes of a scene's panels, None where there is none to show."""
     successes = [e for e in episodes if ending(e) == "arrived"]
     failures = [e for e in episodes if ending(e) != "arrived"]
-    chosen = []
+    chosen: list[Episode] = []
     for speaker in ("robot", "pedestrian"):
         speaking = [e for e in successes if any(said.speaker == speaker for said in utterances(e))]
         chosen += [e for e in speaking if not any(e is other for other in chosen)][:1]
@@ -102,7 +108,7 @@ def _choose(episodes):
     return [*chosen, *[None] * (_SUCCESSES - len(chosen)), *failures[:_FAILURES], *[None] * (_FAILURES - len(failures))]
 
 
-def _limits(scene):
+def _limits(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Corners of a scene's panel, metres. A flat one gets room for words above and below."""
     corners = np.concatenate([np.array(chain) for chain in scene.chains])
     low, high = corners.min(axis=0) - 0.3, corners.max(axis=0) + 0.3
@@ -111,7 +117,7 @@ def _limits(scene):
     return low - room, high + room
 
 
-def _draw_absence(axes, episodes, column, played):
+def _draw_absence(axes: Axes, episodes: Sequence[Episode], column: int, played: int) -> None:
     count = sum(ending(e) == "arrived" for e in episodes)
     kind = "success" if column < _SUCCESSES else "failure"
     number = {0: "no"}.get(count, f"only {count}") if kind == "success" else "no"
@@ -121,7 +127,7 @@ def _draw_absence(axes, episodes, column, played):
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", size=11, color=palette.FAINT_INK)
 
 
-def _draw_episode(axes, scene, episode, norm, params):
+def _draw_episode(axes: Axes, scene: Scene, episode: Episode, norm: Normalize, params: Params) -> None:
     axes.set_facecolor(palette.OUTSIDE)
     for i, chain in enumerate(scene.chains):
         x, y = np.array([*chain, chain[0]]).T
@@ -151,7 +157,7 @@ def _draw_episode(axes, scene, episode, norm, params):
     axes.set_title(title, size=10, color=palette.ENDINGS.get(end, palette.FAINT_INK), pad=4)
 
 
-_MARKERS = {
+_MARKERS: dict[str, dict[str, Any]] = {
     "robot's start": {"marker": "o", "markersize": 8, "color": palette.ROBOT, "markeredgecolor": "white"},
     "pedestrian's start": {"marker": "o", "markersize": 6, "color": palette.PEDESTRIAN, "markeredgecolor": "white"},
     "robot's goal": {"marker": "*", "markersize": 13, "color": palette.GOAL, "markeredgecolor": "white"},
@@ -161,7 +167,7 @@ _MARKERS = {
 }
 
 
-def _trajectory_legend():
+def _trajectory_legend() -> list[Line2D]:
     grey = "#5A5F68"
     return [
         Line2D([], [], color=grey, linewidth=3, label="robot's path"),
@@ -170,7 +176,7 @@ def _trajectory_legend():
     ]
 
 
-def _draw_time_bar(figure, norm, left, below, above):
+def _draw_time_bar(figure: Figure, norm: Normalize, left: float, below: float, above: float) -> None:
     """The colour bar to the right of the panels. left, below, above: inches that they and their margins take."""
     width, height = figure.get_size_inches()
     length = min(3.5, height - below - above)
@@ -182,8 +188,8 @@ def _draw_time_bar(figure, norm, left, below, above):
     bar.outline.set_visible(False)
 
 
-def _label_speech(axes, scene, episode, hearing, renderer):
-    """Mark where the robot was when something was said, and write what it was on the nearest free spot."""
+def _label_speech(axes: Axes, scene: Scene, episode: Episode, hearing: bool, renderer: Any) -> None:
+    """Mark the robot's place at each utterance, and write the utterance on the nearest free spot."""
     robot, walkers = episode.states.robot, episode.states.pedestrians
     to_pixels, to_data = axes.transData.transform, axes.transData.inverted().transform
     unit = renderer.points_to_pixels(1.0)
@@ -194,7 +200,7 @@ def _label_speech(axes, scene, episode, hearing, renderer):
     lines += [np.array([*chain, chain[0]]) for chain in scene.chains]
     ink = np.concatenate([along(to_pixels(line)) for line in lines])
     groups = [(t, list(group)) for t, group in itertools.groupby(utterances(episode), key=lambda said: said.t)]
-    marks = [(robot.x[t], robot.y[t]) for t, _ in groups]
+    marks: list[Any] = [(robot.x[t], robot.y[t]) for t, _ in groups]
     taken = [_box(to_pixels(point), 7 * unit) for point in [*marks, (robot.goal_x[0], robot.goal_y[0])]]
     words = []
     for mark, (_, group) in zip(marks, groups, strict=True):
@@ -204,7 +210,7 @@ def _label_speech(axes, scene, episode, hearing, renderer):
         if "robot" in speakers:
             # Both in one step: the smaller diamond lies on the square.
             size = {"markersize": 5} if len(speakers) > 1 else {}
-            axes.plot(*mark, **_MARKERS["robot asks"] | size, zorder=5)
+            axes.plot(*mark, **(_MARKERS["robot asks"] | size | {"zorder": 5}))
         colour = palette.INK if len(speakers) > 1 else {"robot": palette.ROBOT, "pedestrian": "#A84600"}[speakers.pop()]
         label = "\n".join(dict.fromkeys(in_short(said, hearing) for said in group))
         text = axes.text(0, 0, label, size=9, color=colour, ha="center", va="center", zorder=7, linespacing=1.1)
@@ -212,14 +218,16 @@ def _label_speech(axes, scene, episode, hearing, renderer):
         half = np.array([extent.width, extent.height]) / 2 + 2 * unit
         anchor = to_pixels(mark)
         centre = free_spot(anchor, half, axes.get_window_extent(renderer).extents, taken, words, ink, unit)
-        text.set_position(to_data(centre))
+        x, y = to_data(centre)
+        text.set_position((x, y))
         # The leader ends at the edge of the words.
         edge = centre + (anchor - centre) / max(np.abs((anchor - centre) / half).max(), 1.0)
-        axes.plot(*to_data([anchor, edge]).T, color=colour, linewidth=0.8, zorder=4)
+        x, y = to_data(np.array([anchor, edge])).T
+        axes.plot(x, y, color=colour, linewidth=0.8, zorder=4)
         taken.append(_box(centre, half))
         words.append(taken[-1])
-        ink = np.concatenate([ink, along([anchor, edge])])
+        ink = np.concatenate([ink, along(np.array([anchor, edge]))])
 
 
-def _box(centre, half):
+def _box(centre: np.ndarray, half: np.ndarray | float) -> tuple[float, ...]:
     return (*(centre - half), *(centre + half))

@@ -1,10 +1,11 @@
-"""What is said in a recorded episode, and how it ends, in plain words: the fixed sentences of captions."""
+"""Captions: the utterances of a recorded episode and its ending, in fixed sentences."""
 
 import pathlib
 from typing import NamedTuple
 
 import numpy as np
 
+from ..training.rollout import Episode
 from ..world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
 
 REQUEST_SENTENCES = {
@@ -41,8 +42,8 @@ class Utterance(NamedTuple):
     said: int
 
 
-def utterances(episode):
-    """The requests and messages of an `Episode` in order of time: a list of `Utterance`."""
+def utterances(episode: Episode) -> list[Utterance]:
+    """The requests and messages of an `Episode` in order of time."""
     said = []
     for speaker, field in (("robot", "request"), ("pedestrian", "message")):
         indices = np.asarray(getattr(episode.states.encounters, field), dtype=int)
@@ -52,15 +53,15 @@ def utterances(episode):
     return sorted(said)
 
 
-def in_short(utterance, hearing=True):
+def in_short(utterance: Utterance, hearing: bool = True) -> str:
     """A label of two to four words from the robot's point of view: "asks: stop", "hears: keep right"."""
     if utterance.speaker == "robot":
         return f"asks: {_SHORT_REQUESTS[utterance.said]}"
     return f"{'hears' if hearing else 'misses'}: {_SHORT_MESSAGES[utterance.said]}"
 
 
-def captions(episode, t, hearing=True):
-    """Who says what at state ``t``: a list of (speaker, sentence), the latest encounter first.
+def captions(episode: Episode, t: int, hearing: bool = True) -> list[tuple[str, str]]:
+    """The sentences at state ``t``: (speaker, sentence) each, the latest encounter first.
 
     speaker: "robot", "pedestrian", or "" for a remark about an encounter in which nothing has been said.
     """
@@ -92,14 +93,14 @@ def captions(episode, t, hearing=True):
     return [line for _, lines in spoken for line in lines] + chats + remarks
 
 
-def ending(episode):
-    """How an episode ended: "arrived", "collision", "time out", or "" where the recording stopped before its end."""
+def ending(episode: Episode) -> str:
+    """The ending of an episode: "arrived", "collision", "time out", or "" where the recording stopped before."""
     for event, word in (("arrived", "arrived"), ("collided", "collision"), ("truncated", "time out")):
         if getattr(episode.outcomes, event)[-1]:
             return word
     return ""
 
 
-def scene_title(name):
-    """ "narrow-laser" -> "Narrow laser", "maps/my_house.yaml" -> "My house"."""
+def scene_title(name: str) -> str:
+    """A scene's title: "narrow-laser" -> "Narrow laser", "maps/my_house.yaml" -> "My house"."""
     return pathlib.PurePath(name).stem.replace("_", " ").replace("-", " ").capitalize()

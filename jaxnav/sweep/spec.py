@@ -129,10 +129,11 @@ class Sweep:
 
     def configuration(self, values: Mapping[str, Any]) -> HSACRunConfig:
         """The resolved configuration of a trial with these values."""
-        config = self.base
+        config: Any = self.base
         for name, value in values.items():
             config = put(config, name, value)
-        return resolve(config)
+        resolved: Any = resolve(config)
+        return resolved
 
     def identity(self) -> dict[str, Any]:
         """The fields that a sweep must keep to go on, as JSON: all but trials, members, confirm and seeds."""

@@ -247,8 +247,9 @@ def _floats(job: PopulationJob, fills: list[SlotFill]) -> tuple[Any, dict[str, n
         since[slot], seeds[slot] = fill.round * job.round_steps, fill.seed
         for name in job.floats:
             columns[name][slot] = fill.values[name]
-    hyper = job.config.hyper.replace(
-        **{name.rpartition(".")[2]: column for name, column in columns.items() if name.startswith("hyper.")}
+    hyper = dataclasses.replace(
+        job.config.hyper,
+        **{name.rpartition(".")[2]: column for name, column in columns.items() if name.startswith("hyper.")},
     )
     own = {name.rpartition(".")[2]: column for name, column in columns.items() if name.startswith("world.")}
     return hyper, own, since, seeds
