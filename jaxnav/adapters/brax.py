@@ -82,7 +82,7 @@ class FreshReset(base.Wrapper):
     """
 
     def reset(self, rng: jax.Array) -> State:
-        state = self.env.reset(rng)
+        state: State = self.env.reset(rng)
         return state.replace(info={**state.info, "final_obs": state.obs})
 
     def step(self, state: State, action: jax.Array) -> State:

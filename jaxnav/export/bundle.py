@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import UserError, remedy
 from ..language import dialogue_rules, phrases, sides, table
 from ..training.run import Run
-from .contract import TWIN, check_exportable, contract_of, encoder_of, network_inputs
+from .contract import TWIN, check_exportable, contract_of, encoder_of, network_inputs, twin_of
 from .readme import readme_of
 from .reference import Reference
 from .seal import seal
@@ -88,10 +88,10 @@ def travelling() -> list[pathlib.Path]:
 def _fill(folder: pathlib.Path, run: Run, actor: Any, contract: dict[str, Any]) -> None:
     for path in travelling():
         shutil.copyfile(path, folder / path.name)
-    encoder = encoder_of(run.agent)
-    if encoder.twin.source:
-        (folder / f"{TWIN}.py").write_text(encoder.twin.source, encoding="utf-8")
-    weights = torch_weights(actor, run.agent.requests, encoder)
+    source = twin_of(run.agent).source
+    if source:
+        (folder / f"{TWIN}.py").write_text(source, encoding="utf-8")
+    weights = torch_weights(actor, run.agent.requests, encoder_of(run.agent))
     if "maps" in network_inputs(run):
         weights |= grid_tables(run.world.config.beams, run.params.robot_radius)
     _save(folder / "weights.npz", weights)

@@ -10,6 +10,7 @@ import numpy as np
 from ..agents.encoders import Encoder
 from ..agents.learner import Learner
 from ..agents.networks import Actor, LangPreNet
+from ..agents.twin import TorchTwin
 from ..errors import UserError
 from ..language import dialogue_rules
 from ..language.speaker import Context, sentences
@@ -41,6 +42,13 @@ def check_exportable(agent: Learner) -> None:
             f"agent.encoder {encoder_of(agent).name!r} has no torch twin, so that its policies can't be exported: give "
             "its Encoder a TorchTwin"
         )
+
+
+def twin_of(agent: Learner) -> TorchTwin:
+    """The torch twin of an exportable learner's encoder."""
+    twin = encoder_of(agent).twin
+    assert twin is not None, "see check_exportable"
+    return twin
 
 
 def encoder_of(agent: Learner) -> Encoder:
@@ -196,11 +204,12 @@ def _outputs(params: Params, requests: int, nearest: int) -> list[dict[str, Any]
 
 def _network(run: Run) -> dict[str, Any]:
     """Sizes of `Actor` in robot/network.py."""
-    agent, config, encoder = run.agent, run.agent.config, encoder_of(run.agent)
+    agent: Any = run.agent
+    config, encoder, twin = agent.config, encoder_of(agent), twin_of(agent)
     nearest = min(run.world.config.nearest, run.world.config.pedestrians)
     sizes = {
-        "encoder": encoder.name, "encoder_module": TWIN if encoder.twin.source else "encoders",
-        "encoder_class": encoder.twin.module, "encoder_widths": encoder.sizes(config.encoder_widths),
+        "encoder": encoder.name, "encoder_module": TWIN if twin.source else "encoders",
+        "encoder_class": twin.module, "encoder_widths": encoder.sizes(config.encoder_widths),
         "inputs": list(network_inputs(run)), "beams": run.world.config.beams, "nearest": nearest, "cells": sensing.GRID,
         "widths": list(config.actor_widths), "requests": agent.requests,
         "twists": agent.requests if agent.actor_network.per_request else 1, "squash": agent.squash,

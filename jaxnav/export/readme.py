@@ -49,8 +49,8 @@ def _words(contract: dict[str, Any]) -> list[str]:
         "```",
         "Capitals and punctuation don't matter. `None` is no sentence that it knows: give `step` the message "
         '`"unknown"` then, and the robot asks to repeat. Asked to stop, or refused a request, it stands '
-        "for 8 s at most, unless the person would walk into it: then it steers aside first. Don't let it listen to itself "
-        "while it speaks.",
+        "for 8 s at most, unless the person would walk into it: then it steers aside first. Don't let it listen to "
+        "itself while it speaks.",
         "",
         f"Any other sentence needs the sentence encoder `{language['sentence_encoder']}` ({language['features']} "
         "numbers; from PyPI, Python 3.8 or newer, in a process of its own, never in the control loop): "

@@ -74,7 +74,7 @@ class Reference:
         return {"v": v, "w": w, "request": action.request, "log_p": log_p, "heard": heard, "answer": answer}
 
     def _words(self, actor: Any, vocabulary: Any, observation: Any, voice: Any) -> Any:
-        agent = self._run.agent
+        agent: Any = self._run.agent
         heard = message_codes(observation.dialogue)
         answer = jnp.broadcast_to(jax.nn.one_hot(0, len(REPLIES)), (*heard.shape[:-1], len(REPLIES)))
         if vocabulary is not None:

@@ -68,7 +68,6 @@ def draw_frame(
 
     size: (width, height) in pixels; scans: `scan_episode`'s result, to draw many frames of one episode.
     """
-    scan: Any
     if scans is None:
         scans = scan_episode(world, params, dataclasses.replace(episode, states=_one_state(episode, t)))
         scan = None if scans is None else scans[0]
@@ -87,7 +86,7 @@ def draw_frame(
     for chain in chains:
         x, y = np.append(chain, chain[:1], axis=0).T
         pen.path(x, y, palette.WALL, 2.5)
-    if ends is not None:
+    if scan is not None and ends is not None:
         x, y = ends[scan < params.scan_range].T
         pen.dots(x, y, palette.LASER, 1.2)
     _draw_goal(pen, episode.states.robot, t, params)

@@ -209,8 +209,8 @@ def _label_speech(axes: Axes, scene: Scene, episode: Episode, hearing: bool, ren
             axes.plot(*mark, **_MARKERS["robot hears"], zorder=5)
         if "robot" in speakers:
             # Both in one step: the smaller diamond lies on the square.
-            size = {"markersize": 5} if len(speakers) > 1 else {}
-            axes.plot(*mark, **(_MARKERS["robot asks"] | size | {"zorder": 5}))
+            style: dict[str, Any] = _MARKERS["robot asks"] | ({"markersize": 5} if len(speakers) > 1 else {})
+            axes.plot(*mark, **style, zorder=5)
         colour = palette.INK if len(speakers) > 1 else {"robot": palette.ROBOT, "pedestrian": "#A84600"}[speakers.pop()]
         label = "\n".join(dict.fromkeys(in_short(said, hearing) for said in group))
         text = axes.text(0, 0, label, size=9, color=colour, ha="center", va="center", zorder=7, linespacing=1.1)
