@@ -11,9 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnav.errors import UserError
-
-ANNOTATION_PERIOD = 0.4  # seconds between two annotated frames
-_COLUMNS = 8
+from jaxnav.world.people.recording import frames_per_period, read_recording, read_table
 
 
 class Recording(NamedTuple):
@@ -35,50 +33,20 @@ def read(path, destinations=None, groups=None):
 
     destinations, groups: paths of the files that go with it, or None for none.
     """
-    rows = _table(path, _COLUMNS, "frame, id, x, z, y, vx, vz, vy")
-    frames, ids = rows[:, 0], rows[:, 1]
-    for name, values in (("frame", frames), ("id", ids)):
-        if np.any(values != np.round(values)) or np.any(values < 0):
-            line = int(np.argmax((values != np.round(values)) | (values < 0)))
-            raise UserError(f"{path}: {name} is {values[line]:g} in row {line + 1}: give whole numbers of at least 0")
-    pairs, counts = np.unique(rows[:, :2], axis=0, return_counts=True)
-    if np.any(counts > 1):
-        frame, person = pairs[np.argmax(counts)]
-        raise UserError(f"{path}: id {person:.0f} stands twice in frame {frame:.0f}: keep one row of each id a frame")
+    try:
+        rows = read_recording(path)
+        targets = np.zeros((0, 2)) if destinations is None else read_table(destinations, (2,), "x, y")
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    frames, ids = rows.frame, rows.id
     people = _by_appearance(frames, ids)
     if len(people) < 2:
         raise UserError(f"{path}: holds {len(people)} person: give a recording of at least 2")
     instant = _instants(frames)
     position = np.full((instant.max() + 1, len(people), 2), np.nan)
     column = {person: n for n, person in enumerate(people)}
-    position[instant, [column[person] for person in ids]] = rows[:, [2, 4]]
-    targets = np.zeros((0, 2)) if destinations is None else _table(destinations, 2, "x, y")
+    position[instant, [column[person] for person in ids]] = np.stack([rows.x, rows.y], axis=1)
     return Recording(people.astype(int), position, targets, _group_numbers(groups, column))
-
-
-def _table(path, columns, meaning):
-    """The numbers in a text file `[rows, columns]`."""
-    try:
-        lines = pathlib.Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not text"
-        raise UserError(f"{path}: can't be read ({reason}): give the path of a file in the ETH format") from None
-    rows = []
-    for number, line in enumerate(lines, 1):
-        words = line.split()
-        if not words:
-            continue
-        if len(words) != columns:
-            raise UserError(f"{path}: line {number} has {len(words)} columns: give {columns}, {meaning}")
-        try:
-            rows.append([float(word) for word in words])
-        except ValueError:
-            raise UserError(f"{path}: line {number} is not all numbers: give {columns}, {meaning}") from None
-        if not np.all(np.isfinite(rows[-1])):
-            raise UserError(f"{path}: line {number} holds a number that is not finite: remove or mend that line")
-    if not rows:
-        raise UserError(f"{path}: is empty: give rows of {columns} columns, {meaning}")
-    return np.array(rows)
 
 
 def _by_appearance(frames, ids):
@@ -91,18 +59,9 @@ def _by_appearance(frames, ids):
 def _instants(frames):
     """`[rows]` index of each row's instant. A break of the annotation, however long, becomes one empty instant."""
     distinct = np.unique(frames)
-    gaps = np.diff(distinct)
-    period = _most_common(gaps)
-    steps = np.where(gaps == period, 1, 2)
+    steps = np.where(np.diff(distinct) == frames_per_period(frames), 1, 2)
     index = np.concatenate([[0], np.cumsum(steps)]).astype(int)
     return index[np.searchsorted(distinct, frames)]
-
-
-def _most_common(values):
-    if len(values) == 0:
-        return 1.0
-    distinct, counts = np.unique(values, return_counts=True)
-    return distinct[np.argmax(counts)]
 
 
 def _group_numbers(path, column):

@@ -1,7 +1,7 @@
 """What is fitted: the world's pedestrian, with the preferred velocity of each person estimated from its own past.
 
 A person wants to go on as it went, and with time more and more as the world's pedestrian does: at ``preferred_speed``
-to its destination. Its velocity is the one that ORCA permits nearest to that, next to everybody within ``awareness``.
+to its destination. It moves as the world's ORCA people do, next to everybody within ``awareness``.
 """
 
 from typing import NamedTuple
@@ -9,8 +9,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxnav.world import linear_program, orca
+from jaxnav.world import Params
 from jaxnav.world.geometry import norm, unit
+from jaxnav.world.people.orca_people import permitted_velocity
 
 _ELSEWHERE = 1e3  # metres: where a neighbour is put that isn't there, so that its half-plane stays finite
 
@@ -109,20 +110,18 @@ def _choose_velocity(behaviour, velocity, others, want, setting, width):
     """`[2]` new velocity of one person. others: (px, py, vx, vy, sum of radii, there), each `[K]`, nearest first."""
     px, py, _, _, _, there = others
     distance = norm(px, py)
-    planes = [
-        orca.agent_half_plane(*other[:2], *velocity, *other[2:5], behaviour.time_horizon, setting.dt, other[5])
-        for other in zip(*others, strict=True)
-    ]
+    params = Params(time_horizon=behaviour.time_horizon, dt=setting.dt, max_speed=setting.max_speed)
+    agents = list(zip(*others, strict=True))
 
     def avoiding(aware):
-        active = [plane._replace(active=plane.active & aware[k]) for k, plane in enumerate(planes)]
-        return jnp.stack(linear_program.solve([], active, *want, setting.max_speed))
+        seen = [(*agent[:5], agent[5] & aware[k]) for k, agent in enumerate(agents)]
+        return jnp.stack(permitted_velocity(*velocity, *want, [], seen, params))
 
     if width is None:
         return avoiding(distance < behaviour.awareness)
     # The nearest k are avoided if awareness lies between the distances of the k-th and the next: the velocity is a
     # step function of awareness, and this its exact mean.
-    count = len(planes)
+    count = len(agents)
     velocities = jax.vmap(avoiding)(jnp.tri(count + 1, count, -1, dtype=bool))
     seen = there * jax.nn.sigmoid((behaviour.awareness - distance) / width)
     return velocities[0] + seen @ (velocities[1:] - velocities[:-1])

@@ -51,7 +51,7 @@ def record(key, truth, walkers, episodes, steps=16, noise=0.0):
 def _episodes(keys, truth, walkers, steps):
     """(first states `[episodes]`, the states after them `[episodes, steps]`)."""
     world, params = World(WorldConfig(scenes=("square",), pedestrians=walkers)), params_of(truth)
-    ahead = Action(twist=jnp.array([1.0, 0.0]), code=jnp.int32(0))
+    ahead = Action(twist=jnp.array([1.0, 0.0]), request=jnp.int32(0))
 
     def episode(key):
         start = world.reset(key, params)

@@ -16,7 +16,7 @@ from ..world.dialogue import fitting_request, may_request
 from ..world.geometry import closest_approach, cross2d, norm, unit
 from ..world.linear_program import solve
 from ..world.orca import agent_half_plane, wall_half_planes
-from ..world.pedestrian import near_walls
+from ..world.people.neighbors import near_walls
 from ..world.scenes import SIGHTS
 from ..world.sensing import in_sight_of
 from ..world.types import LEFT, NONE, REFUSES, RIGHT, STOP

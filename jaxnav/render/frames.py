@@ -156,8 +156,10 @@ def _scan_ends(robot: Any, t: int, scan: np.ndarray) -> np.ndarray:
 
 def _draw_agents(pen: _Pen, episode: Episode, t: int, params: Params) -> None:
     robot, walkers, encounters = episode.states.robot, episode.states.pedestrians, episode.states.encounters
-    for i in episode.present:
-        pen.path(walkers.x[: t + 1, i], walkers.y[: t + 1, i], _tint(palette.PEDESTRIAN, 0.5), 2)
+    there = np.flatnonzero(walkers.present[t])
+    for i in there:
+        since = episode.since(t, i)
+        pen.path(walkers.x[since : t + 1, i], walkers.y[since : t + 1, i], _tint(palette.PEDESTRIAN, 0.5), 2)
     pen.path(robot.x[: t + 1], robot.y[: t + 1], _tint(palette.ROBOT, 0.5), 2)
     x, y, heading = robot.x[t], robot.y[t], robot.heading[t]
     for i in np.flatnonzero(encounters.is_open[t]):
@@ -168,14 +170,14 @@ def _draw_agents(pen: _Pen, episode: Episode, t: int, params: Params) -> None:
     reach = params.robot_radius * np.array([0.25, 0.9])
     pen.path(x + reach * np.cos(heading), y + reach * np.sin(heading), palette.FLOOR, 2)
     # On top of the robot: in a collision the smaller disc would vanish beneath it.
-    for i in episode.present:
+    for i in there:
         px, py = walkers.x[t, i], walkers.y[t, i]
         pen.arrow(px, py, walkers.vx[t, i], walkers.vy[t, i], palette.PEDESTRIAN, 2)
         pen.disc(px, py, params.body_radius + rim, palette.FLOOR)
         pen.disc(px, py, params.body_radius, palette.PEDESTRIAN)
     if len(episode.present) > 1:
         size = _font_size(pen.canvas, 11)
-        for i in episode.present:
+        for i in there:
             # Beside the pedestrian, on the side that it walks away from.
             column, row = pen.view.pixels(walkers.x[t, i], walkers.y[t, i])
             gap = params.body_radius * pen.view.scale + 0.75 * size

@@ -136,8 +136,9 @@ def _draw_episode(axes: Axes, scene: Scene, episode: Episode, norm: Normalize, p
     robot, walkers = episode.states.robot, episode.states.pedestrians
     time = np.arange(len(robot.x)) * params.dt
     for i in episode.present:
-        x, y = walkers.x[:, i], walkers.y[:, i]
-        axes.scatter(x, y, c=time, cmap=_TIME_COLOURS, norm=norm, s=9, linewidths=0, zorder=3)
+        there = walkers.present[:, i]
+        x, y = walkers.x[there, i], walkers.y[there, i]
+        axes.scatter(x, y, c=time[there], cmap=_TIME_COLOURS, norm=norm, s=9, linewidths=0, zorder=3)
         axes.plot(x[0], y[0], **_MARKERS["pedestrian's start"], zorder=4)
     points = np.stack([robot.x, robot.y], axis=-1)
     line = LineCollection(
@@ -195,7 +196,7 @@ def _label_speech(axes: Axes, scene: Scene, episode: Episode, hearing: bool, ren
     unit = renderer.points_to_pixels(1.0)
     lines = [
         np.stack([robot.x, robot.y], axis=-1),
-        *(np.stack([walkers.x[:, i], walkers.y[:, i]], axis=-1) for i in episode.present),
+        *(np.stack([walkers.x[:, i], walkers.y[:, i]], axis=-1)[walkers.present[:, i]] for i in episode.present),
     ]
     lines += [np.array([*chain, chain[0]]) for chain in scene.chains]
     ink = np.concatenate([along(to_pixels(line)) for line in lines])

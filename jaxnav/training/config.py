@@ -26,6 +26,7 @@ from ..agents import (
 from ..agents.encoders import GRID_PARTS
 from ..errors import UserError
 from ..world import SCENES, SUITES, Params, World, WorldConfig, body_reach, check_params, default_params
+from ..world.people import RECORDING
 from .dataclass_json import from_json
 from .randomise import check_ranges
 
@@ -73,10 +74,10 @@ def scene_names(scene):
     suites = {"all": SUITES["parity"], "hard": SUITES["hard"], "hard-laser": SUITES["hard-laser"]}
     if scene in suites:
         return suites[scene]
-    if scene not in SCENES and not is_map(scene):
+    if scene not in SCENES and scene != RECORDING and not is_map(scene):
         raise UserError(
             f"scene {scene!r} is unknown: choose {', '.join(suites)}, one of {', '.join(SCENES)}, "
-            "or the yaml file of a map"
+            f"{RECORDING} (that of world.recording), or the yaml file of a map"
         )
     return (scene,)
 

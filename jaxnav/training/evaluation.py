@@ -53,7 +53,7 @@ def metrics(played: EpisodeSummary) -> dict[str, Any]:
 
     success, collision, human_collision, timeout: shares of the episodes.
     success_ci95:        Wilson's interval of success, [low, high].
-    steps, min_distance: means over the episodes that arrived (m), None if none did.
+    steps, min_distance: means over the episodes that arrived (m), None if none did; of distances where somebody was.
     comfort:             share of all steps with every pedestrian beyond ``params.comfort_distance``.
     requests:            share of episodes by their first request.
     complied:            share of a yes among requests that got a reply, None if none did.
@@ -66,7 +66,7 @@ def metrics(played: EpisodeSummary) -> dict[str, Any]:
         "human_collision": float(played.hit_pedestrian.mean()),
         "timeout": float(played.truncated.mean()),
         "steps": mean_or_none(played.steps[arrived]),
-        "min_distance": mean_or_none(played.min_distance[arrived]),
+        "min_distance": mean_or_none(played.min_distance[arrived & np.isfinite(played.min_distance)]),
         "comfort": float(played.comfortable_steps.sum() / played.steps.sum()),
         "requests": {name: float((played.request == request).mean()) for request, name in enumerate(REQUESTS)},
         "complied": mean_or_none(played.agreed[played.replied]),

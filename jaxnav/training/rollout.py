@@ -51,8 +51,13 @@ class Episode:
 
     @property
     def present(self) -> np.ndarray:
-        """Indices of the pedestrians who are there."""
-        return np.flatnonzero(self.states.pedestrians.present[0])
+        """Indices of the pedestrians who are there, or come later."""
+        return np.flatnonzero(self.states.pedestrians.present.any(axis=0))
+
+    def since(self, t: int, i: int) -> int | None:
+        """Since which state pedestrian ``i`` has been there without a break at state ``t``; None where it isn't."""
+        there = self.states.pedestrians.present[: t + 1, i]
+        return int(len(there) - np.argmin(there[::-1])) % len(there) if there[-1] else None
 
 
 class EpisodeSummary(NamedTuple):

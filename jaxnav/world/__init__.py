@@ -3,11 +3,13 @@
 from .config import WorldConfig
 from .env import World, body_reach
 from .params import Params, check_params
+from .people import PEDESTRIAN_MODELS, PedestrianModel, register_people
 from .reward import REWARDS, RewardFunction, StepEvents, register_reward
 from .scenes import SCENES, SUITES, Scene, default_params, register_scene
 from .types import Action, Observation, Outcome, Snapshot, State, Walls
 
 __all__ = [
+    "PEDESTRIAN_MODELS",
     "REWARDS",
     "SCENES",
     "SUITES",
@@ -15,6 +17,7 @@ __all__ = [
     "Observation",
     "Outcome",
     "Params",
+    "PedestrianModel",
     "RewardFunction",
     "Scene",
     "Snapshot",
@@ -26,6 +29,7 @@ __all__ = [
     "body_reach",
     "check_params",
     "default_params",
+    "register_people",
     "register_reward",
     "register_scene",
 ]

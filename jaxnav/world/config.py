@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from ..fields import check, choice, choices, flag, other, part, whole
+from ..fields import check, choice, choices, flag, other, part, text, whole
 
 MAX_PEDESTRIANS = 64
 OBSERVATION_PARTS = ("scan", "pedestrians", "dialogue", "sensor_map", "pedestrian_map")
@@ -40,6 +40,11 @@ class WorldConfig:
         True, doc="whether the robot hears; a deaf one observes silence although pedestrians commit all the same"
     )
     people: str = part("orca", ("orca", "social-force", "recorded"), doc="how pedestrians move")
+    recording: str = text(
+        "",
+        allowed="the path of a file in the ETH or UCY format",
+        doc="recording that recorded people replay, and around which the scene called recording is",
+    )
     reward: str = part(
         "authors-code",
         ("authors-code", "paper-text"),

@@ -31,7 +31,7 @@ def may_request(encounter):
 
 
 def address(encounters, request):
-    """The request that each pedestrian `[P]` is asked: ``request`` for the nearest that may be asked, none for the others."""
+    """What each pedestrian `[P]` is asked: ``request`` for the nearest that may be asked, none for the others."""
     askable = may_request(encounters)
     nearest = jnp.argmin(jnp.where(askable, encounters.distance, jnp.inf))
     addressed = askable & (jnp.arange(askable.shape[0]) == nearest)
@@ -44,6 +44,13 @@ def receive(encounter, asked, traits, params):
     answers = encounter.is_open & (request != NONE) & (encounter.request_age >= traits.reply_delay)
     reply = jnp.where(answers, jnp.where(traits.compliance < params.compliance, AGREES, REFUSES), encounter.reply)
     return encounter.replace(request=request, reply=reply)
+
+
+def mute(traits):
+    """The same traits of people who take no part in dialogue: they never speak first, and never answer in time."""
+    return traits.replace(
+        first=jnp.ones_like(traits.first), reply_delay=jnp.full_like(traits.reply_delay, jnp.iinfo(jnp.int32).max)
+    )
 
 
 def speak(encounter, robot, pedestrian, message):
@@ -111,7 +118,8 @@ def advance(encounter, traits, robot, pedestrian, turns, walls, word, params):
     px, py = pedestrian.x - robot.x, pedestrian.y - robot.y
     distance = norm(px, py)
     grown = jnp.where(distance > encounter.distance, encounter.grown + 1, 0)
-    stays = encounter.is_open & (grown < 2)
+    # Who leaves ends its encounter; whoever comes in its place may have one of its own.
+    stays = encounter.is_open & (grown < 2) & pedestrian.present
     opens = ~encounter.met & pedestrian.present & _gate(px, py, pedestrian, robot, params)
 
     ux, uy = _walking_direction(pedestrian)
@@ -123,7 +131,7 @@ def advance(encounter, traits, robot, pedestrian, turns, walls, word, params):
     request = jnp.where(stays, encounter.request, NONE)
 
     # Half of the bits decide on small talk, the other half choose its wording; 0 would mean silence.
-    chats = (word >> 16).astype(jnp.float32) < params.small_talk * 65536.0
+    chats = pedestrian.present & ((word >> 16).astype(jnp.float32) < params.small_talk * 65536.0)
     held = jnp.where(message != NONE, encounter.utterance, 0)
     utterance = jnp.where(speaks | (chats & (message == NONE)), (word & 0xFFFF) + 1, held)
 
@@ -131,7 +139,7 @@ def advance(encounter, traits, robot, pedestrian, turns, walls, word, params):
         return jnp.where(opens | anew, now, before)
 
     return encounter.replace(
-        met=encounter.met | opens,
+        met=(encounter.met | opens) & pedestrian.present,
         is_open=stays | opens,
         age=jnp.where(stays, encounter.age + 1, 0),
         pedestrian_first=first & (stays | opens),

@@ -7,10 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import delays, dialogue, pedestrian, placement, scenes, sensing
+from . import delays, dialogue, placement, scenes, sensing
 from .config import WorldConfig
 from .geometry import closest_approach, norm, time_to_disc, to_frame
 from .params import Params, check_params
+from .people import (
+    RECORDING,
+    PedestrianModel,
+    Surroundings,
+    advance,
+    check_model,
+    choose_people,
+    read_recording,
+    recording_scene,
+)
 from .reward import RewardFunction, StepEvents, check_reward, find_reward
 from .robot import arc, twist_from_action
 from .types import NONE, Outcome, PedestrianTraits, Robot, SeenPedestrian, Snapshot, State
@@ -30,20 +40,25 @@ class World:
     """A differentiable 2D world with one robot and P pedestrians who talk with it.
 
     Every method is a pure function of one episode: ``jit`` and ``vmap`` as you like. ``step`` does not reset.
-    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`; reward: instead of the one that
-    ``config.reward`` names. ValueError: an unknown scene or reward, two scenes of one name, one of your own that starts
-    somebody in a wall or in somebody else, more pedestrians than a scene holds, a reward of another signature.
+    own_scenes: scenes that ``config.scenes`` may name beside those of `SCENES`; people: how pedestrians move, instead
+    of the model that ``config.people`` names; reward: instead of the one that ``config.reward`` names. ValueError: an
+    unknown scene, model or reward, two scenes of one name, one of your own that starts somebody in a wall or in
+    somebody else, more pedestrians than a scene holds, a model or a reward of another signature.
     """
 
     def __init__(
         self,
         config: WorldConfig = WorldConfig(),
         own_scenes: Iterable[scenes.Scene] = (),
+        people: PedestrianModel | None = None,
         reward: RewardFunction | None = None,
     ):
         self.config = config
         self._reward = find_reward(config.reward) if reward is None else reward
         check_reward(self._reward, config.reward if reward is None else getattr(reward, "__name__", repr(reward)))
+        own_scenes = list(own_scenes)
+        if RECORDING in config.scenes and RECORDING not in [scene.name for scene in own_scenes]:
+            own_scenes.append(recording_scene(read_recording(config.recording)))
         self.scenes = scenes.choose(config.scenes, own_scenes)
         for scene in self.scenes:
             least, most = scene.crowd or (1, config.pedestrians)
@@ -55,6 +70,9 @@ class World:
                 )
             if scene.name not in scenes.BUILT_IN:  # those are tested
                 placement.check_starts(scene, config.pedestrians)
+        model = choose_people(config) if people is None else people
+        check_model(model)
+        self.people = model.prepare(config, self.scenes)
         self._wall_table = pad_walls([walls_from_chains(scene.chains) for scene in self.scenes])
         # Only a floor plan of its own looks walls up by cell; beside other scenes it tests all of them.
         self._cells = self.scenes[0].cells if len(self.scenes) == 1 else None
@@ -113,7 +131,11 @@ class World:
             x=x, y=y, heading=heading, v=zero, w=zero, goal_x=goal_x, goal_y=goal_y, start_heading=heading,
             past=jnp.zeros((2, 3)),
         )  # fmt: skip
+        surroundings = Surroundings(robot=robot, walls=walls, t=jnp.int32(0), seed=seed)
+        pedestrians, memory = self.people.start(pedestrians, surroundings, self.config, params)
         traits = _draw_traits(key_traits, self.config.pedestrians)
+        if not self.people.talks:
+            traits = dialogue.mute(traits)
         encounters = jax.vmap(dialogue.start, in_axes=(0, None))(pedestrians, robot)
         turns = jnp.zeros(self.config.pedestrians, bool)
         encounters = self._advance_encounters(encounters, traits, robot, pedestrians, turns, walls, words, params)
@@ -121,7 +143,7 @@ class World:
         distance = jnp.where(pedestrians.present, distance, jnp.inf)
         state = State(
             t=jnp.int32(0), scene=jnp.int32(scene), seed=seed, robot=robot, pedestrians=pedestrians, traits=traits,
-            encounters=encounters, min_distance=jnp.min(distance),
+            encounters=encounters, min_distance=jnp.min(distance), people_memory=memory,
         )  # fmt: skip
         return state.replace(
             past_views=delays.start(sensing.view(self.snapshot(state)), self.config.scan_delay),
@@ -160,7 +182,10 @@ class World:
         fits = jax.vmap(dialogue.fitting_request, in_axes=(None, 0))(before, state.pedestrians)
         fits = jnp.any((asked != NONE) & (asked == fits))
 
-        pedestrians = pedestrian.walk(state.pedestrians, encounters, traits, before, walls, self.config, params)
+        surroundings = Surroundings(robot=before, walls=walls, t=state.t, seed=state.seed)
+        pedestrians, memory = advance(
+            self.people, state.pedestrians, state.people_memory, encounters, traits, surroundings, self.config, params
+        )
         twist = delays.recall(state.past_twists, action.twist, params.control_latency)
         robot, path = self._drive(before, twist, params)
         arrived, collided, hit_pedestrian, distance = self._contacts(
@@ -192,6 +217,7 @@ class World:
         )  # fmt: skip
         new = state.replace(
             t=t, robot=robot, pedestrians=pedestrians, encounters=encounters, min_distance=min_distance,
+            people_memory=memory,
             past_views=delays.push(state.past_views, sensing.view(self.snapshot(state))),
             past_twists=delays.push(state.past_twists, action.twist),
         )  # fmt: skip
@@ -223,6 +249,8 @@ class World:
         return sensing.observe_snapshot(snapshot, self.walls(snapshot.scene), sight, self.config, params)
 
     def _advance_encounters(self, encounters, traits, robot, pedestrians, turns, walls, words, params):
+        if not self.people.talks:
+            params = params.replace(small_talk=0.0)
         return jax.vmap(dialogue.advance, in_axes=(0, 0, None, 0, 0, None, 0, None))(
             encounters, traits, robot, pedestrians, turns, walls, words, params
         )
@@ -240,6 +268,11 @@ class World:
     def _contacts(self, path, robot, walked_from, walked_to, walls, params):
         """(arrived, collided, hit_pedestrian, surface distance to the nearest pedestrian); the earliest event wins."""
         radius = params.robot_radius + params.body_radius
+        # Who has just come hasn't walked there: it stands where it appears.
+        walked_from = walked_from.replace(
+            x=jnp.where(walked_from.present, walked_from.x, walked_to.x),
+            y=jnp.where(walked_from.present, walked_from.y, walked_to.y),
+        )
         arrival = wall_hit = pedestrian_hit = distance = jnp.asarray(jnp.inf)
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             to_goal = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, x1 - x0, y1 - y0, params.goal_tolerance)

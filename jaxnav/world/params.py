@@ -54,6 +54,19 @@ class Params:
     )
     time_horizon: float = number(5.0, above=0, unit="s", doc="time for which a velocity is to be free of other agents")
     time_horizon_walls: float = number(1.0, above=0, unit="s", doc="time for which a velocity is to be free of walls")
+    # Social force (section 7, world.people social-force)
+    relaxation_time: float = number(
+        0.5, above=0, unit="s", doc="time in which a social-force pedestrian takes up the velocity it wants"
+    )
+    pedestrian_force: float = number(
+        2.1, low=0, unit="m^2/s^2", doc="potential of another pedestrian, or of the robot, at its own place"
+    )
+    pedestrian_force_range: float = number(0.3, above=0, unit="m", doc="distance at which that is 1 / e of it")
+    stride_time: float = number(2.0, low=0, unit="s", doc="time ahead for which a walker claims the ground before it")
+    wall_force: float = number(10.0, low=0, unit="m^2/s^2", doc="potential of a wall at its own place")
+    wall_force_range: float = number(0.2, above=0, unit="m", doc="distance at which that is 1 / e of it")
+    view_angle: float = number(3.490659, low=0, unit="rad", doc="whole angle that a pedestrian sees")
+    unseen_weight: float = probability(0.5, doc="share of its force that one outside of that angle keeps")
     # Dialogue (section 6)
     encounter_distance: float = number(
         3.0, low=0, unit="m", doc="distance at which an encounter may open; grows with walking speed"

@@ -57,8 +57,8 @@ def view(snapshot):
     """`View` of the moment of a snapshot."""
     seen = snapshot.pedestrians
     return View(
-        t=snapshot.t, x=snapshot.x, y=snapshot.y, heading=snapshot.heading, pedestrian_x=seen.x, pedestrian_y=seen.y,
-        pedestrian_vx=seen.vx, pedestrian_vy=seen.vy,
+        t=snapshot.t, x=snapshot.x, y=snapshot.y, heading=snapshot.heading, pedestrian_present=seen.present,
+        pedestrian_x=seen.x, pedestrian_y=seen.y, pedestrian_vx=seen.vx, pedestrian_vy=seen.vy,
     )  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def _scan(snapshot, walls, config, params):
     cos, sin = jnp.cos(seen.heading), jnp.sin(seen.heading)
     ranges = lidar.raycast(seen.x, seen.y, cos, sin, walls.near(seen.x, seen.y), directions, params.scan_range)
     # Those who are not there stand where no beam goes.
-    x = jnp.where(snapshot.pedestrians.present, seen.pedestrian_x, seen.x + 2.0 * params.scan_range)
+    x = jnp.where(seen.pedestrian_present, seen.pedestrian_x, seen.x + 2.0 * params.scan_range)
     discs, radius = (x, seen.pedestrian_y), params.body_radius
     if config.body == "legs":
         velocity = seen.pedestrian_vx, seen.pedestrian_vy

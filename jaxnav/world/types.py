@@ -5,6 +5,8 @@ of the world, ``K = min(nearest, P)`` the number that is observed, ``B`` the num
 times seconds, angles radians counter-clockwise; the robot frame has x forward and y left.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -98,7 +100,7 @@ class Robot:
 @struct.dataclass
 class Pedestrian:
     """x, y, vx, vy: position and velocity; goal_x, goal_y: where it walks to, by way of via_x, via_y until it has
-    turned there; present: whether it is in this episode at all. In `State` every field is `[P]`."""
+    turned there; present: whether it is there now; who isn't counts for nobody. In `State` every field is `[P]`."""
 
     x: jax.Array
     y: jax.Array
@@ -170,13 +172,14 @@ class Encounter:
 
 @struct.dataclass
 class View:
-    """What a scan is taken of. t: when; x, y, heading: the robot's pose; pedestrian_x, pedestrian_y, pedestrian_vx,
-    pedestrian_vy: `[P]`."""
+    """What a scan is taken of. t: when; x, y, heading: the robot's pose; pedestrian_present, pedestrian_x,
+    pedestrian_y, pedestrian_vx, pedestrian_vy: `[P]`."""
 
     t: jax.Array
     x: jax.Array
     y: jax.Array
     heading: jax.Array
+    pedestrian_present: jax.Array
     pedestrian_x: jax.Array
     pedestrian_y: jax.Array
     pedestrian_vx: jax.Array
@@ -187,7 +190,8 @@ class View:
 class State:
     """One episode. t: steps taken; scene: index into ``WorldConfig.scenes``; seed: uint32 of the sensor noise;
     min_distance: smallest surface distance to a pedestrian so far; past_views: `View` `[scan_delay]`; past_twists:
-    `[control_delay, 2]`, of past actions. Both newest first, and None where the delay is 0."""
+    `[control_delay, 2]`, of past actions. Both newest first, and None where the delay is 0. people_memory: what the
+    model of pedestrians remembers, None for one that remembers nothing."""
 
     t: jax.Array
     scene: jax.Array
@@ -199,6 +203,7 @@ class State:
     min_distance: jax.Array
     past_views: View | None = None
     past_twists: jax.Array | None = None
+    people_memory: Any = None
 
 
 @struct.dataclass
@@ -225,7 +230,7 @@ class SeenPedestrian:
 class Snapshot:
     """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
 
-    91 bytes with one pedestrian, 28 more for each further one; a step of ``scan_delay`` adds 14 and 16 a pedestrian.
+    91 bytes with one pedestrian, 28 more for each further one; a step of ``scan_delay`` adds 14 and 17 a pedestrian.
     turned: start heading - heading; past: as in `Robot`; past_views: as in `State`.
     """
 

@@ -49,7 +49,7 @@ def test_destinations_and_groups_are_read_from_files_of_their_own(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty: give rows of 8 columns"),
+        ("", "is empty: give rows of 8 or 4 columns"),
         ("1 2 3\n", "line 1 has 3 columns: give 8"),
         (f"{row(0, 1, 0, 0)}\n6 1 x 0 0 0 0 0\n", "line 2 is not all numbers: give 8"),
         (f"{row(0, 1, 0, 0)}\n6 1 nan 0 0 0 0 0\n", "line 2 holds a number that is not finite: remove"),

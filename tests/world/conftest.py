@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxnav.world import Action, Params, State, World, WorldConfig
+from jaxnav.world.people import OrcaPeople, Surroundings, advance
 from jaxnav.world.types import Encounter, Pedestrian, PedestrianTraits, Robot
 
 EPISODES = 2048
@@ -142,3 +143,15 @@ def _action():
 @pytest.fixture(scope="session", name="situation")
 def _situation():
     return situation
+
+
+@pytest.fixture(scope="session", name="walk_in")
+def _walk_in():
+    """The pedestrians of a state a step later, among walls; by ORCA, or by another model that remembers nothing."""
+
+    def walk(walls, state, config, params, model=None):
+        surroundings = Surroundings(robot=state.robot, walls=walls, t=state.t, seed=state.seed)
+        model = model or OrcaPeople()
+        return advance(model, state.pedestrians, None, state.encounters, state.traits, surroundings, config, params)[0]
+
+    return walk

@@ -6,7 +6,7 @@ import numpy as np
 import pyrvo
 import pytest
 
-from jaxnav.world import Params, WorldConfig, pedestrian
+from jaxnav.world import Params, WorldConfig
 from jaxnav.world.walls import pad_walls, walls_from_chains
 
 AGENTS, STEPS = 20, 20
@@ -104,14 +104,14 @@ def walk_in_rvo2(positions, goals, chains):
 
 
 @pytest.fixture(scope="module")
-def walk(situation):
-    """Velocities `[N, AGENTS, 2]` that `pedestrian.walk` chooses for crowds `[N, AGENTS, 6]`; the robot is far away."""
+def walk(situation, walk_in):
+    """Velocities `[N, AGENTS, 2]` that ORCA people choose for crowds `[N, AGENTS, 6]`; the robot is far away."""
     still = situation(robot=(3 * FAR, 0.0, 0.0), pedestrians=np.zeros((AGENTS, 4)))
 
     def step(crowd, walls):
         fields = dict(zip(("x", "y", "vx", "vy", "goal_x", "goal_y"), crowd.T, strict=True))
         pedestrians = still.pedestrians.replace(**fields)
-        walked = pedestrian.walk(pedestrians, still.encounters, still.traits, still.robot, walls, CONFIG, PARAMS)
+        walked = walk_in(walls, still.replace(pedestrians=pedestrians), CONFIG, PARAMS)
         return jnp.stack([walked.vx, walked.vy], axis=-1)
 
     return jax.jit(jax.vmap(step))
@@ -159,13 +159,13 @@ def crowd_of(rng, count, size):
 
 
 @pytest.fixture(scope="module")
-def walk_freely():
+def walk_freely(walk_in):
     """A step of six pedestrians and the robot without walls, whose `walk` sees all within 3 m; `[N]` crowds at once."""
     config = WorldConfig(pedestrians=6)
     nothing = jax.tree.map(jnp.asarray, walls_from_chains(NOWHERE))
 
     def step(state, params):
-        return pedestrian.walk(state.pedestrians, state.encounters, state.traits, state.robot, nothing, config, params)
+        return walk_in(nothing, state, config, params)
 
     return jax.jit(jax.vmap(step, in_axes=(0, None)))
 

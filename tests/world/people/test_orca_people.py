@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.world import SCENES, Params, World, WorldConfig, pedestrian
+from jaxnav.world import SCENES, Params, World, WorldConfig
+from jaxnav.world.people.intention import preferred_velocity
 from jaxnav.world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
 from jaxnav.world.walls import wall_clearance
 
@@ -14,7 +15,7 @@ DIAGONAL = np.sqrt(0.5)
 
 @jax.jit
 def _wants(state, params):
-    vx, vy = jax.vmap(pedestrian.preferred_velocity, in_axes=(0, 0, 0, None))(
+    vx, vy = jax.vmap(preferred_velocity, in_axes=(0, 0, 0, None))(
         state.pedestrians, state.encounters, state.traits, params
     )
     return jnp.stack([vx[0], vy[0]])
@@ -122,20 +123,10 @@ def test_to_its_way_point_it_walks_at_full_speed_by_no_side(wants):
 
 
 @pytest.fixture(scope="module")
-def walk():
-    """`pedestrian.walk` of one pedestrian in the default scenes, near a robot."""
+def walk(walk_in):
+    """A step of one pedestrian in the default scenes, near a robot."""
     world = World()
-    return jax.jit(
-        lambda state, params: pedestrian.walk(
-            state.pedestrians,
-            state.encounters,
-            state.traits,
-            state.robot,
-            world.walls(state.scene),
-            world.config,
-            params,
-        )
-    )
+    return jax.jit(lambda state, params: walk_in(world.walls(state.scene), state, world.config, params))
 
 
 @pytest.mark.parametrize(
@@ -210,7 +201,7 @@ def test_nobody_leaves_through_a_wall(scene, random_walks, situation):
 
 
 @pytest.fixture(scope="module")
-def random_walks():
+def random_walks(walk_in):
     """(x, y, clearance) `[60, 128, 3]` of crowds of three beside a robot, in the scene with that index."""
     config = WorldConfig(pedestrians=3)
     world = World(config)
@@ -222,7 +213,7 @@ def random_walks():
         walls = world.walls(scene)
 
         def step(walkers, _):
-            walkers = pedestrian.walk(walkers, state.encounters, state.traits, state.robot, walls, config, params)
+            walkers = walk_in(walls, state.replace(pedestrians=walkers), config, params)
             return walkers, (walkers.x, walkers.y, wall_clearance(walkers.x, walkers.y, walls))
 
         return jax.lax.scan(step, state.pedestrians, None, length=60)[1]
@@ -249,7 +240,7 @@ def random_walks():
     return walks
 
 
-def test_two_who_walk_at_each_other_never_overlap(situation):
+def test_two_who_walk_at_each_other_never_overlap(situation, walk_in):
     """ORCA's promise, from any headings of an encounter, exactly head-on ones among them."""
     config = WorldConfig(pedestrians=2)
     world = World(config)
@@ -265,9 +256,7 @@ def test_two_who_walk_at_each_other_never_overlap(situation):
         )  # fmt: skip
 
         def step(walkers, _):
-            walkers = pedestrian.walk(
-                walkers, state.encounters, state.traits, state.robot, world.walls(0), config, params
-            )
+            walkers = walk_in(world.walls(0), state.replace(pedestrians=walkers), config, params)
             return walkers, jnp.hypot(walkers.x[1] - walkers.x[0], walkers.y[1] - walkers.y[0])
 
         return jax.lax.scan(step, walkers, None, length=40)[1]
