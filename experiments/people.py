@@ -9,18 +9,17 @@ import math
 import pathlib
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from experiments import study
 from experiments.paired import packed, pair, unpacked
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
+from jaxnav.statistics import wilson_interval
 from jaxnav.training.config import RunConfig, preset, resolve
 from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import episode_keys, make_policy, wilson_interval
-from jaxnav.training.rollout import EpisodeSummary, play
+from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import SUITES, Params, World, WorldConfig
 from jaxnav.world.people import RECORDING
 
@@ -92,23 +91,12 @@ def setting(options: Options, cell: str) -> tuple[World, Params]:
     return World(WorldConfig(**world)), params
 
 
-def plays(options: Options, cell: str, runs: list) -> list[EpisodeSummary]:
-    """What each robot's episodes came to, `[episodes]`. runs: (run, actor) of each."""
+def plays(options: Options, cell: str, policies: list) -> list[EpisodeSummary]:
+    """What each robot's episodes came to, `[episodes]`."""
     world, params = setting(options, cell)
-    policy = make_policy(runs[0][0].agent)
-    limit = math.ceil(float(params.max_steps))
-
-    @jax.jit
-    def block(policy_params, first):
-        keys = episode_keys(np.uint32(options.seed), first + jnp.arange(BLOCK))
-        return play(world, params, policy, policy_params, keys, jnp.zeros(BLOCK, jnp.int32), limit)
-
-    played = []
-    for run, actor in runs:
-        policy_params = actor, True, run.agent.vocabulary("test")
-        blocks = [jax.device_get(block(policy_params, first)) for first in range(0, whole(options.episodes), BLOCK)]
-        played.append(EpisodeSummary(*(np.concatenate(leaves) for leaves in zip(*blocks, strict=True))))
-    return played
+    evaluator = Evaluator(world, params, BLOCK)
+    summaries = [evaluator.summaries(policy, whole(options.episodes), options.seed) for policy in policies]
+    return [EpisodeSummary(*(leaf[0] for leaf in summary)) for summary in summaries]
 
 
 def whole(episodes: int) -> int:
@@ -149,9 +137,12 @@ def run(options: Options) -> dict:
     if begun.missing(cells) and gone:
         begun.drop(list(begun.rows))  # of trainings that are gone: the plays of a robot are of one training
     if begun.missing(cells):
-        runs = [study.trained(configuration(options, seed), f"robot {seed}", console) for seed in range(options.robots)]
+        policies = []
+        for seed in range(options.robots):
+            trained, actor = study.trained(configuration(options, seed), f"robot {seed}", console)
+            policies.append(trained.policy_of(actor))
         for cell in begun.missing(cells):
-            begun.add(cell, row(cell, plays(options, cell, runs)))
+            begun.add(cell, row(cell, plays(options, cell, policies)))
             console.print(f"{cell}: success {_share(begun.rows[cell], 'arrived')}")
     return begun.finish(table)
 

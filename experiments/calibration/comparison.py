@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnav import Params
+from jaxnav.world.people.recording import ANNOTATION_PERIOD
 
 from . import measures
-from .eth import ANNOTATION_PERIOD
 from .fit import Descent, fit
 from .model import Behaviour, Setting
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnav.errors import UserError
-
-from .eth import ANNOTATION_PERIOD
+from jaxnav.world.people.recording import ANNOTATION_PERIOD
 
 STANDING = 0.3  # m/s: who was slower than this while observed is taken to stand
 _FAR = 100.0  # metres ahead: the destination of somebody of whom none is assumed

@@ -151,7 +151,7 @@ class Evaluator:
         for i, found in enumerate(scenes.values()):
             found["straight_line_success"] = float(straight.arrived[i].mean())
             found["muted_success"] = float(muted.arrived[i].mean())
-            found["muted_min_distance"] = mean_or_none(muted.min_distance[i][muted.arrived[i]])
+            found["muted_min_distance"] = metrics(_row(muted, i))["min_distance"]
         return {
             "policy": policy_name,
             "episodes": episodes,

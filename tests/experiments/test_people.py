@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments import people as program
-from jaxnav.agents.scripted import straight_line
+from jaxnav.agents.scripted import StraightLine
 from jaxnav.training.config import preset
 from jaxnav.world import Params
 
@@ -29,8 +29,7 @@ def test_a_row_for_each_scene_and_model_and_it_goes_on(tmp_path, recording, monk
     done = []
 
     def trained(config, name, console):
-        agent = SimpleNamespace(vocabulary=lambda split: None)
-        return SimpleNamespace(agent=agent), np.float32(len(done))
+        return SimpleNamespace(policy_of=lambda actor: StraightLine()), None
 
     def setting(options, cell, real=program.setting):
         done.append(cell)
@@ -40,7 +39,6 @@ def test_a_row_for_each_scene_and_model_and_it_goes_on(tmp_path, recording, monk
 
     monkeypatch.setattr(program.study, "trained", trained)
     monkeypatch.setattr(program, "setting", setting)
-    monkeypatch.setattr(program, "make_policy", lambda agent: straight_line)
     monkeypatch.setattr(program, "BLOCK", 4)
     monkeypatch.setattr(program, "CELLS", {cell: program.CELLS[cell] for cell in list(program.CELLS)[-3:]})
     arguments = ["--out", str(tmp_path), "--runs", str(tmp_path / "runs"), "--recording", recording]
