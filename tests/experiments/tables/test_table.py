@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 
+from experiments import over_seeds
 from experiments.tables import figure, methods, runs, table, table1, table2, table3, trajectories, tuning
 from jaxnav.training import evaluation
 from jaxnav.training.config import preset
@@ -65,6 +66,7 @@ def run(monkeypatch, tmp_path):
     monkeypatch.setattr(figure, "draw", lambda result, path: path.write_bytes(b"png"))
     monkeypatch.setattr(runs, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
     monkeypatch.setattr(methods, "SCRIPTED", {})
+    monkeypatch.setattr(over_seeds, "RESAMPLES", 99)  # most of the time goes into bootstraps
     tuned = {"algorithms": {algo: {"best": {"discount": 0.96}} for algo in ("hsac", "td3", "ppo", "a2c")}}
     (tmp_path / "tuning.json").write_text(json.dumps(tuned))
     monkeypatch.setattr(methods, "TUNED", tmp_path / "tuning.json")
