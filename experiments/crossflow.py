@@ -9,9 +9,10 @@ import time
 from typing import NamedTuple
 
 from experiments import study
-from experiments.paired import packed, pair
+from experiments.paired import pair
 from experiments.tables import methods
 from jaxnav.errors import UserError
+from jaxnav.statistics import packed
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.training.run import VALIDATION_SEED

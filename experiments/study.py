@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from jaxnav.errors import UserError
+from jaxnav.files import write_atomically, write_json
 from jaxnav.training.dataclass_json import differences
 from jaxnav.training.provenance import provenance
 from jaxnav.training.run import VALIDATION_SEED, Interrupted, Run
@@ -78,12 +79,12 @@ class Study:
     def write(self) -> None:
         """Write the JSON file, rows in the order of their names."""
         self.rows = self.result[self._field] = {name: self.rows[name] for name in self._names if name in self.rows}
-        write(self.path, self.result)
+        write_json(self.path, self.result)
 
     def finish(self, table: Callable[[dict], str], draw: Callable[[dict, pathlib.Path], None] | None = None) -> dict:
         """Write the JSON file, its Markdown and its picture beside it; returns the result."""
         self.write()
-        self.path.with_suffix(".md").write_text(table(self.result))
+        write_atomically(self.path.with_suffix(".md"), table(self.result))
         if draw is not None:
             draw(self.result, self.path.with_suffix(".png"))
         return self.result
@@ -164,13 +165,6 @@ def stored(path: pathlib.Path, identity: dict[str, Any], field: str, empty: Any)
 def plain(value: Any) -> Any:
     """What JSON makes of a value."""
     return json.loads(json.dumps(value))
-
-
-def write(path: pathlib.Path, value: Any) -> None:
-    """Write a JSON file: an interruption leaves the old one or the new one."""
-    whole = path.with_suffix(".new")
-    whole.write_text(json.dumps(value, indent=1) + "\n")
-    whole.replace(path)
 
 
 def console() -> Console:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from experiments import study
-from experiments.paired import unpacked
 from jaxnav.language.phrases import KINDS, SPLITS
+from jaxnav.statistics import paired_difference, unpacked
 from jaxnav.training.config import TrainConfig
 from jaxnav.world.types import MESSAGES
 
@@ -41,14 +41,15 @@ def paired(result, scene, one, other):
 
     All seeds play the same episodes: what varies from one to the next is their mean.
     """
-    differences = []
-    for key, play_one in result["rows"].items():
+    ours, theirs = [], []
+    for key, play in result["rows"].items():
         suite, name, robot, heard, seed = key.split("/")
         if (name, robot, heard) == (scene, "phrases", one):
             play_other = result["rows"]["/".join((suite, name, robot, other, seed))]
-            differences.append(unpacked(play_one)[0] - unpacked(play_other)[0])
-    mean = np.mean(differences, axis=0)
-    return mean.mean(), 1.96 * mean.std() / math.sqrt(mean.size)
+            ours += unpacked(play["arrived"], play["episodes"])
+            theirs += unpacked(play_other["arrived"], play["episodes"])
+    found = paired_difference(np.array(ours), np.array(theirs))
+    return found["difference"], found["ci95_half"]
 
 
 def spread(values):

@@ -14,12 +14,11 @@ import numpy as np
 from experiments import study
 from experiments.language import report
 from experiments.language.report import HEARD, MAIN
-from experiments.paired import packed
 from experiments.tables import methods
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.language.vocabulary import vocabulary
-from jaxnav.statistics import wilson_interval
+from jaxnav.statistics import packed, wilson_interval
 from jaxnav.training.config import PRESETS, TrainConfig, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.world import SUITES

@@ -7,14 +7,9 @@ import dataclasses
 import math
 import pathlib
 
-import jax
-import jax.numpy as jnp
-
 from experiments import study
 from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
-from jaxnav.statistics import wilson_interval
-from jaxnav.training.evaluation import episode_keys
-from jaxnav.training.rollout import play
+from jaxnav.training.evaluation import Evaluator, scene_metrics
 from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
 
 PROGRAM = "planning.value_of_dialogue"
@@ -56,42 +51,24 @@ class Options:
 
 
 def play_scene(name, episodes, seed, advance):
-    """Success, collisions and time-outs of every robot in one scene, by name."""
+    """`metrics` of every robot in one scene, by name."""
     pedestrians = (SCENES[name].crowd or (1, 1))[1]
-    world, params = World(WorldConfig(scenes=(name,), pedestrians=pedestrians)), default_params((name,))
-    limit = math.ceil(params.max_steps)
-
-    @jax.jit
-    def block(player, first):
-        keys = episode_keys(seed, first + jnp.arange(BLOCK))
-        return play(world, params, player, keys, jnp.zeros(BLOCK, jnp.int32), limit)
-
-    rows = {}
-    for robot in ROBOTS:
-        counts = dict.fromkeys(("arrived", "collided", "hit_pedestrian", "truncated"), 0)
-        for first in range(0, episodes, BLOCK):
-            summary = jax.device_get(block(PLAYERS[robot], first))
-            counts = {field: count + int(getattr(summary, field).sum()) for field, count in counts.items()}
-            advance()
-        played = math.ceil(episodes / BLOCK) * BLOCK
-        rows[robot] = {
-            "success": counts["arrived"] / played,
-            "success_ci95": wilson_interval(counts["arrived"], played),
-            "collision": counts["collided"] / played,
-            "human_collision": counts["hit_pedestrian"] / played,
-            "timeout": counts["truncated"] / played,
-        }
+    world = World(WorldConfig(scenes=(name,), pedestrians=pedestrians))
+    evaluator, rows = Evaluator(world, default_params((name,)), BLOCK), {}
+    for robot, player in PLAYERS.items():
+        rows[robot] = scene_metrics(world, evaluator.summaries(player, episodes, seed))[name]
+        advance()
     return rows
 
 
 def run(options: Options) -> dict:
     """Play what is missing, and write all three files."""
-    blocks = math.ceil(options.episodes / BLOCK)
-    identity = {"episodes": blocks * BLOCK, "seed": options.seed}
+    episodes = math.ceil(options.episodes / BLOCK) * BLOCK
+    identity = {"episodes": episodes, "seed": options.seed}
     begun = study.Study(PROGRAM, options.out, identity, SCENES)
     for name in begun.missing(options.scenes or SCENES):
-        with study.progress(study.console(), len(ROBOTS) * blocks, name) as advance:
-            begun.add(name, {"robots": play_scene(name, options.episodes, options.seed, advance)})
+        with study.progress(study.console(), len(ROBOTS), name) as advance:
+            begun.add(name, {"robots": play_scene(name, episodes, options.seed, advance)})
     return begun.finish(table, draw)
 
 

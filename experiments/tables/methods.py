@@ -8,12 +8,14 @@ import jax
 import numpy as np
 from flax import struct
 
-from experiments import over_seeds, study
+from experiments import study
+from experiments.tables.report import RATES
 from jaxnav.agents.networks import message_codes
 from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
 from jaxnav.errors import UserError
+from jaxnav.statistics import measure
 from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.evaluation import Evaluator, metrics
 from jaxnav.training.policy import Policy
 from jaxnav.training.population import Population, member
 from jaxnav.training.rollout import EpisodeSummary
@@ -168,20 +170,8 @@ def reporter(console, name, episodes):
 
 
 def measures(summary):
-    """The seven metrics of plays `[seeds, episodes]`, as `over_seeds.measure` gives them."""
-    arrived, episodes = summary.arrived, summary.arrived.shape[1]
-
-    def where_arrived(values):
-        return [float(v[a].mean()) if a.any() else None for v, a in zip(values, arrived, strict=True)]
-
-    rates = {
-        "success": arrived, "collision": summary.collided, "human_collision": summary.hit_pedestrian,
-        "timeout": summary.truncated,
-    }  # fmt: skip
-    comfort = summary.comfortable_steps.sum(axis=1) / summary.steps.sum(axis=1)
-    return {
-        **{name: over_seeds.measure(rate.mean(axis=1).tolist(), episodes) for name, rate in rates.items()},
-        "comfort": over_seeds.measure(comfort.tolist()),
-        "steps": over_seeds.measure(where_arrived(summary.steps)),
-        "min_distance": over_seeds.measure(where_arrived(summary.min_distance)),
-    }
+    """`metrics` of plays `[seeds, episodes]`, of each seed, as `measure` gives them."""
+    seeds, episodes = summary.arrived.shape
+    found = [metrics(EpisodeSummary(*(leaf[i] for leaf in summary))) for i in range(seeds)]
+    rates = {name: measure([one[name] for one in found], episodes) for name in RATES}
+    return rates | {name: measure([one[name] for one in found]) for name in ("comfort", "steps", "min_distance")}

@@ -10,6 +10,7 @@ import numpy as np
 from experiments import study
 from experiments.tables import methods
 from jaxnav.errors import UserError
+from jaxnav.files import write_atomically, write_json
 from jaxnav.language.table import default_table
 from jaxnav.training.dataclass_json import differences, to_json
 from jaxnav.training.provenance import provenance
@@ -58,9 +59,9 @@ class Runs:
                 continue  # whole, and perhaps played: an interruption came later
             folder.mkdir(parents=True, exist_ok=True)
             leaves = jax.device_get(jax.tree.leaves(trained.policies))
-            np.savez(folder / "new-policies.npz", **{f"{i:03d}": leaf for i, leaf in enumerate(leaves)})
-            (folder / "new-policies.npz").replace(folder / "policies.npz")
-            study.write(
+            arrays = {f"{i:03d}": leaf for i, leaf in enumerate(leaves)}
+            write_atomically(folder / "policies.npz", lambda path, arrays=arrays: np.savez(path, **arrays))
+            write_json(
                 folder / "training.json",
                 {
                     "config": self.identity(population.config), "scene": scene, "env_steps": trained.env_steps,
@@ -92,11 +93,9 @@ class Runs:
         self.console.print(f"{folder.name}, {method.plays}: success {rates}")
 
     def save(self, path, summary):
-        """Keep plays and where they were played, whole or not at all."""
-        new = path.with_name(f"new-{path.name}")
-        source = {name: str(self.source[name]) for name in ("git_commit", "device")}
-        np.savez(new, episode_seed=self.seed, **source, **summary._asdict())
-        new.replace(path)
+        """Keep plays and where they were played."""
+        arrays = {name: str(self.source[name]) for name in ("git_commit", "device")} | summary._asdict()
+        write_atomically(path, lambda path: np.savez(path, episode_seed=self.seed, **arrays))
 
     def load(self, path, shape):
         """(plays of that shape, {commit, device} of theirs); UserError: others lie there."""

@@ -5,11 +5,13 @@ import json
 import pathlib
 
 from experiments import study
-from experiments.paired import packed, pair
+from experiments.paired import pair
 from experiments.tables import figure, methods, report, trajectories
 from experiments.tables.runs import Runs
 from jaxnav.errors import UserError
+from jaxnav.files import write_atomically, write_json
 from jaxnav.language.table import default_table
+from jaxnav.statistics import packed
 from jaxnav.training.config import PRESETS
 from jaxnav.training.dataclass_json import differences, to_json
 from jaxnav.training.rollout import EpisodeSummary
@@ -100,7 +102,7 @@ class Table:
             # An interruption leaves what is known: rows that this call has not come to yet, too.
             result["rows"] = list((self._kept | rows).values())
             result["train_seconds"] = self.train_seconds(result["rows"])
-            study.write(path, result)
+            write_json(path, result)
         if not rows:
             raise UserError("nothing was played yet: give --suite both, parity or hard")
         result["rows"] = list(rows.values())
@@ -112,8 +114,8 @@ class Table:
             for budget in self.options.budgets
         ]
         result["pairs"] = [found for one, other in wanted if one and other and (found := pair(one, other))]
-        study.write(path, result)
-        path.with_suffix(".md").write_text(report.markdown(result))
+        write_json(path, result)
+        write_atomically(path.with_suffix(".md"), report.markdown(result))
         figure.draw(result, path.with_suffix(".png"))
         return result
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.paired import packed, pair
+from experiments.paired import pair
+from jaxnav.statistics import packed
 
 
 def test_pairs_are_of_the_same_seeds_and_episodes():

@@ -8,9 +8,9 @@ import pytest
 from experiments import study
 from experiments.language import report
 from experiments.language import understanding as program
-from experiments.paired import packed
 from jaxnav.language.phrases import SPLITS
 from jaxnav.language.table import default_table
+from jaxnav.statistics import packed
 from jaxnav.world import SUITES
 from jaxnav.world.types import LEFT, RIGHT
 

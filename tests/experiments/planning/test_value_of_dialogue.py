@@ -39,8 +39,9 @@ def at_commit(monkeypatch, commit):
 
 
 def test_a_scene_is_played_by_all_robots_and_written_three_times(tmp_path, monkeypatch, capsys):
-    """The one test that plays: 11 episodes are two blocks of 8."""
+    """The one test that plays, all but one robot of a program of its own: 11 episodes are two blocks of 8."""
     monkeypatch.setattr(program, "BLOCK", 8)
+    monkeypatch.setitem(program.PLAYERS, "ORCA", program.PLAYERS["planner"])
     program.main(["--scenes", "narrow", "--episodes", "11", "--seed", "3", "--out", str(tmp_path / "new")])
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(FILES)
     result = json.loads((tmp_path / "new" / FILES[0]).read_text())

@@ -3,7 +3,7 @@
 import functools
 import itertools
 
-from experiments import over_seeds
+from jaxnav import statistics
 from jaxnav.world import SUITES
 
 LEARNT = ("A2C", "TD3", "PPO", "HSAC-LLM")
@@ -12,8 +12,8 @@ SCRIPTED = ("straight line", "planner")
 
 @functools.cache
 def measured(values, trials=None):
-    """`over_seeds.measure`, once: most rows have the same numbers."""
-    return over_seeds.measure(values, trials)
+    """`statistics.measure`, once: most rows have the same numbers."""
+    return statistics.measure(values, trials)
 
 
 def fields(success):

