@@ -14,8 +14,8 @@ from experiments.tables import methods
 from jaxnav.errors import UserError
 from jaxnav.statistics import packed
 from jaxnav.training.dataclass_json import to_json
+from jaxnav.training.evaluation import VALIDATION_SEED
 from jaxnav.training.rollout import EpisodeSummary
-from jaxnav.training.run import VALIDATION_SEED
 
 PROGRAM, SCENE, UNCHANGED, PLANNER = "crossflow", "crossflow", "unchanged", "planner"
 

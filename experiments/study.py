@@ -15,8 +15,11 @@ from rich.progress import Progress
 from jaxnav.errors import UserError
 from jaxnav.files import write_atomically, write_json
 from jaxnav.training.dataclass_json import differences
+from jaxnav.training.evaluation import VALIDATION_SEED
 from jaxnav.training.provenance import provenance
-from jaxnav.training.run import VALIDATION_SEED, Interrupted, Run
+from jaxnav.training.run import Run
+from jaxnav.training.signals import Interrupted
+from jaxnav.training.train import train
 
 RESULTS = pathlib.Path(__file__).parent / "results"
 
@@ -201,7 +204,7 @@ def trained(config, name: str, console: Console):
             success = ", ".join(f"{scene} {rate:.3f}" for scene, rate in line["evaluation"].items())
             console.print(f"{name}: {line['env_steps'] / 1000:.0f}k steps, {success}")
 
-    return run, run.actor(run.train(report, time.monotonic()), "last")
+    return run, run.policy("last", train(run, report, time.monotonic())).parameters
 
 
 def main(options_class: Any, study: Callable, table: Callable[[dict], str], program: str, arguments=None) -> None:

@@ -14,10 +14,9 @@ from experiments import study
 from experiments.tables import tuning
 from jaxnav.training.config import make_agent, preset, resolve
 from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.evaluation import VALIDATION_SEED, Evaluator
 from jaxnav.training.policy import Policy
 from jaxnav.training.population import Population, member
-from jaxnav.training.run import VALIDATION_SEED
 from jaxnav.world import SUITES
 
 PROGRAM = "tricks"

@@ -26,6 +26,7 @@ ROOMS = (
     "sweep",
     "export",
     "adapters",
+    "api",
     "talk",
     "cli",
 )

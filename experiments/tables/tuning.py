@@ -13,10 +13,9 @@ from experiments import study
 from experiments.tables import methods
 from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve
 from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import Evaluator
+from jaxnav.training.evaluation import VALIDATION_SEED, Evaluator
 from jaxnav.training.policy import Policy
 from jaxnav.training.population import Population, member
-from jaxnav.training.run import VALIDATION_SEED
 
 PROGRAM = "tables.tuning"
 SCENES = ("narrow", "doorway", "corner")  # of the hard suite, since the parity suite saturates; one pedestrian each

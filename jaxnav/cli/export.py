@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 import pathlib
 from typing import Annotated
 
@@ -53,6 +52,7 @@ def command(arguments):
     if not options.run:
         raise UserError("no run is given: jaxnav export RUN, or jaxnav export --verify BUNDLE")
     from ..export import bundle, formats
+    from ..export.of_run import export_run
     from ..training.run import Run
 
     folder = pathlib.Path(options.out or pathlib.Path(options.run) / "bundle")
@@ -63,27 +63,8 @@ def command(arguments):
         add.append(functools.partial(formats.add_torchscript, python=options.torchscript))
     enable_compilation_cache()
     run = Run.open(options.run)
-    actor = run.actor(run.restore(), options.policy)
+    policy = run.policy(options.policy)
     with Console(stderr=True).status("exporting"):
-        write(run, actor, options.policy, folder, replace=own, add=add)
+        export_run(run, policy, options.policy, folder, replace=own, add=add)
     print(f"{folder}: {sum(path.stat().st_size for path in folder.iterdir()) / 1e6:.1f} MB")
     print(f"check it here with jaxnav export --verify {folder}, on the robot with python3 policy.py --selftest")
-
-
-def write(run, actor, policy, folder, replace=True, add=()):
-    """Write the bundle of a run's policy, with what its folder knows of where it comes from."""
-    from ..export.bundle import write_bundle
-    from ..export.contract import origin_of
-
-    stored, evaluation = (_read(run.folder / name) for name in ("config.json", "evaluation.json"))
-    if evaluation and evaluation.get("policy") != policy:
-        evaluation = None  # it is the other one's
-    write_bundle(run, actor, folder, origin_of(run, policy, stored or {}, evaluation), replace, add)
-
-
-def _read(path):
-    """A JSON file of a run; None if there is none, or it can't be read: it tells of a policy, and is no part of it."""
-    try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError):
-        return None

@@ -1,38 +1,6 @@
-"""What the terminal shows: how training goes, and what an evaluation came to."""
+"""The result of an evaluation, as the terminal shows it."""
 
-import contextlib
-
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
-
-
-@contextlib.contextmanager
-def training_progress(config, console):
-    """Yields the function that shows a line of metrics: a bar on a terminal, else a line an evaluation."""
-    total = config.train.total_steps * config.train.episodes
-    if not console.is_terminal:
-
-        def print_line(line):
-            if "evaluation" in line:
-                left = (total / line["env_steps"] - 1.0) * line["wall_seconds"]
-                text = f"{line['env_steps'] / total:4.0%}  {_progress_text(line)}, {left:.0f} s left"
-                console.print(text, soft_wrap=True)
-
-        yield print_line
-        return
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("training", total=total, state="compiling")
-        yield lambda line: bar.update(task, completed=line["env_steps"], state=_progress_text(line))
-
-
-def _progress_text(line):
-    success = line.get("evaluation") or line["success"]
-    shares = ", ".join(f"{scene} {'-' if rate is None else f'{rate:.3f}'}" for scene, rate in success.items())
-    return f"{line['env_steps'] / 1000:.0f}k steps, {line['updates']} updates, success {shares}"
 
 
 def print_result(console, result):

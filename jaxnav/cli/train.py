@@ -1,6 +1,7 @@
 """jaxnav train: a robot trained, evaluated, drawn and exported."""
 
 import dataclasses
+import json
 import sys
 from typing import Annotated, Generic, TypeVar
 
@@ -9,9 +10,8 @@ from rich.console import Console
 
 from ..errors import UserError
 from . import STARTED
-from .options import EPISODES, enable_compilation_cache, parse, value_of
-from .output import print_result, training_progress
-from .render import draw
+from .options import enable_compilation_cache, parse, value_of
+from .output import print_result
 
 _Config = TypeVar("_Config")
 
@@ -36,6 +36,7 @@ class _TrainOptions(Generic[_Config]):
 
 
 def command(arguments):
+    from ..api import train
     from ..training.config import preset, resolve, scene_names
 
     folder = value_of(arguments, "--from-sweep")
@@ -52,51 +53,36 @@ def command(arguments):
     options = parse(
         _TrainOptions[type(default)], arguments, "train", "Train a robot.", default=_TrainOptions(config=default)
     )
-    from ..training.devices import is_first, join_processes, layout_on, together  # not needed for --help
-    from ..training.run import Interrupted, Run
+    from ..training.devices import is_first, join_processes  # not needed for --help
+    from ..training.run import Interrupted
 
     if options.distributed:
         if options.devices == 0:
             raise UserError("--distributed needs --devices: give how many there are in all processes")
         join_processes()
-    config = resolve(options.config)
     enable_compilation_cache()
-    run = Run(config, layout_on(options.devices))
-    run.prepare_folder()
-    # Plain text: a folder may be called [bold], and what is copied from here must not be broken into lines.
-    console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False, quiet=not is_first())
-    console.print(f"training in {run.folder} (preset {config.preset}, seed {config.seed}); the first chunk compiles")
-    with training_progress(config, console) as report:
-        try:
-            progress = run.train(report, STARTED)
-        except Interrupted as stop:
-            console.print(f"\nstopped and saved; go on with the same command and --resume --out {run.folder}")
-            sys.exit(128 + stop.signal)
-    with together():  # who has nothing to write waits, since the first process coordinates the others
+    config = options.config
+    try:
+        run = train(config, config.out, config.resume, devices=options.devices, started=STARTED)
+    except Interrupted as stop:
         if is_first():
-            _finish(run, progress, console)
+            folder = resolve(config).out
+            print(f"\nstopped and saved; go on with the same command and --resume --out {folder}", file=sys.stderr)
+        sys.exit(128 + stop.signal)
+    if is_first():
+        _print(run)
 
 
-def _finish(run, progress, console):
-    """Evaluate, draw and export what was trained, and say where it is."""
-    from .export import write
-
-    seed, policy = run.config.seed, run.policy("last", progress)
-    with console.status("evaluating"):
-        result = run.evaluator.evaluate(policy, "last", EPISODES, seed)
-    run.write_json("evaluation.json", result)
-    print_result(Console(), result)
-    with console.status("drawing"):
-        draw(run, policy, seed)
-    with console.status("exporting"):
-        write(run, policy.parameters, "last", run.folder / "bundle")
+def _print(run):
+    """Print how a trained run does, and where everything is."""
+    print_result(Console(), json.loads((run.folder / "evaluation.json").read_text()))
     names = (
         "bundle/", "evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl",
         "config.json",
     )  # fmt: skip
+    seconds = run.files.metrics()[-1]["wall_seconds"]
     Console(markup=False, highlight=False).print(
-        f"trained in {run.metrics()[-1]['wall_seconds']:.0f} s; everything is in {run.folder}/: {', '.join(names)}",
-        soft_wrap=True,
+        f"trained in {seconds:.0f} s; everything is in {run.folder}/: {', '.join(names)}", soft_wrap=True
     )
 
 

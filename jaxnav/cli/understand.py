@@ -58,7 +58,7 @@ def open_hearing(folder, policy):
         raise UserError(
             f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
         )
-    return run, run.actor(run.restore(), policy)
+    return run, run.policy(policy).parameters
 
 
 def interpreter_of(run, actor):

@@ -3,6 +3,7 @@
 The first episode of each environment only, most probable request and mean twist.
 """
 
+import functools
 import math
 import time
 from typing import Any
@@ -159,6 +160,19 @@ class Evaluator:
             "wall_seconds": round(time.monotonic() - start, 3),
             "scenes": scenes,
         }
+
+
+@functools.lru_cache(maxsize=8)
+def _kept(world: World, params: Params) -> Evaluator:
+    return Evaluator(world, params)
+
+
+def evaluator_of(world: World, params: Params) -> Evaluator:
+    """An `Evaluator` for a world; what it has compiled serves the next call with the same world and params."""
+    try:
+        return _kept(world, params)
+    except TypeError:  # params that are arrays can't be looked up
+        return Evaluator(world, params)
 
 
 def _row(summary: EpisodeSummary, i: int) -> EpisodeSummary:

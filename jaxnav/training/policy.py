@@ -1,16 +1,14 @@
 """A trained policy as one object: what it has learnt, whether it speaks, and how people speak to it."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 
+from ..agents.learner import Learner
 from ..language.vocabulary import Vocabulary
 from ..world import Action, Observation, Params, State, World
 from .config import RunConfig
-
-if TYPE_CHECKING:
-    from ..agents.learner import Learner
 
 
 @jax.tree_util.register_pytree_with_keys_class
@@ -32,7 +30,7 @@ class Policy:
     parameters: Any
     voice: Any = True
     vocabulary: Vocabulary | None = None
-    learner: "Learner" = dataclasses.field(kw_only=True)
+    learner: Learner = dataclasses.field(kw_only=True)
     world: World = dataclasses.field(kw_only=True)
     config: RunConfig | None = dataclasses.field(default=None, kw_only=True)
 

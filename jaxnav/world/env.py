@@ -94,7 +94,7 @@ class World:
 
     def _key(self):
         # What two worlds have to share to be the same: then what was compiled for one serves the other.
-        return self.config, tuple(id(scene) for scene in self.scenes)
+        return self.config, tuple(id(part) for part in (*self.scenes, self._reward))
 
     def __eq__(self, other):
         return isinstance(other, World) and self._key() == other._key()

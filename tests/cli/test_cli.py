@@ -251,14 +251,14 @@ def test_a_run_interrupted_in_every_way_ends_like_one_never_touched(jaxnav, trai
         assert "Traceback" not in rest
         assert f"--resume --out {folder}" in rest
         # What was saved is what the last line tells of: nothing is lost.
-        lines = saved.metrics()
+        lines = saved.files.metrics()
         assert int(saved.restore().loop.counter) * 16 == lines[-1]["env_steps"]
     assert not (folder / "evaluation.json").exists()
     done = jaxnav("train", *arguments, "--resume")
     assert done.returncode == 0, done.stderr
 
     whole, resumed = (Run.open(path) for path in (trained[0], folder))
-    a, b = whole.metrics(), resumed.metrics()
+    a, b = whole.files.metrics(), resumed.files.metrics()
     assert len(a) == 12
     for line in (*a, *b):
         assert line.pop("wall_seconds") > 0

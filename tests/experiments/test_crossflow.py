@@ -8,9 +8,9 @@ import pytest
 from experiments import crossflow as program
 from experiments.tables import methods
 from jaxnav.training.dataclass_json import to_json
+from jaxnav.training.evaluation import VALIDATION_SEED
 from jaxnav.training.population import Trained
 from jaxnav.training.rollout import EpisodeSummary
-from jaxnav.training.run import VALIDATION_SEED
 
 EPISODES = 200
 

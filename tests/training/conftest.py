@@ -17,6 +17,7 @@ from jaxnav.training.config import ALGORITHMS, TrainConfig, WorldSettings, resol
 from jaxnav.training.policy import Policy
 from jaxnav.training.rollout import Either, record
 from jaxnav.training.run import Run
+from jaxnav.training.train import train as train_run
 from jaxnav.world import Action, Params, World, WorldConfig
 
 
@@ -54,7 +55,7 @@ def train(config, report=lambda line: None):
     """(Run, Progress) after preparing the folder and training to the end."""
     run = Run(config)
     run.prepare_folder()
-    return run, run.train(report, time.monotonic())
+    return run, train_run(run, report, time.monotonic())
 
 
 @pytest.fixture(scope="session", name="train")

@@ -57,7 +57,7 @@ def results(*processes):
 
 def lines(folder):
     """metrics.jsonl as numpy `[lines, numbers]`, without what the clock says and what this file makes up."""
-    metrics = Run.open(folder).metrics()
+    metrics = Run.open(folder).files.metrics()
     names = metrics[0].keys() - {"wall_seconds", "success", "evaluation"}
     return np.array([[line[name] for name in sorted(names)] for line in metrics])
 

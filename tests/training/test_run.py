@@ -16,7 +16,9 @@ from jaxnav.errors import UserError
 from jaxnav.training.config import run_from_json
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.loop import Trainer
-from jaxnav.training.run import Interrupted, Run
+from jaxnav.training.run import Run
+from jaxnav.training.signals import Interrupted
+from jaxnav.training.train import train as train_run
 
 
 def content(folder):
@@ -27,13 +29,13 @@ def content(folder):
 
 def lines(run):
     """metrics.jsonl without what the clock says."""
-    return [{name: value for name, value in line.items() if name != "wall_seconds"} for line in run.metrics()]
+    return [{name: value for name, value in line.items() if name != "wall_seconds"} for line in run.files.metrics()]
 
 
 def resume(config):
     run = Run(config)
     run.prepare_folder()
-    return run, run.train(lambda line: None, time.monotonic())
+    return run, train_run(run, lambda line: None, time.monotonic())
 
 
 def replaced(config, **fields):
@@ -62,7 +64,7 @@ def test_the_folder_says_what_was_run_with_what(finished):
 
 
 def test_a_line_a_chunk_has_the_keys_of_the_contract(finished):
-    metrics = finished[0].metrics()
+    metrics = finished[0].files.metrics()
     assert [line["env_steps"] for line in metrics] == [80, 160, 240, 320]
     assert [line["updates"] for line in metrics] == [10, 20, 30, 40]
     for line in metrics:
@@ -85,14 +87,14 @@ def test_resuming_repeats_what_was_lost_bit_for_bit(finished, copied, assert_sam
     run, progress = resume(config)
     assert_same(progress, finished[1])
     assert lines(run) == lines(finished[0])
-    assert run.metrics()[-1]["wall_seconds"] > run.metrics()[-2]["wall_seconds"]
+    assert run.files.metrics()[-1]["wall_seconds"] > run.files.metrics()[-2]["wall_seconds"]
     assert_same(Run.open(folder).restore(), finished[1])
 
 
 def test_a_learner_of_rollouts_resumes_bit_for_bit(tmp_path, tiny, train, assert_same):
     run, progress = train(tiny(tmp_path / "run", algo="a2c"))
-    assert [line["updates"] for line in run.metrics()] == [1, 2, 3, 4]
-    assert {"critic_loss", "actor_loss", "twist_entropy", "q"} <= run.metrics()[0].keys()
+    assert [line["updates"] for line in run.files.metrics()] == [1, 2, 3, 4]
+    assert {"critic_loss", "actor_loss", "twist_entropy", "q"} <= run.files.metrics()[0].keys()
     assert Run.open(run.folder).config == run.config
     shutil.rmtree(run.folder / "checkpoints" / "step_20")
     again, repeated = resume(replaced(run.config, resume=True))
@@ -129,10 +131,10 @@ def test_a_signal_saves_and_the_rest_can_be_done_later(finished, tmp_path, tiny,
             os.kill(os.getpid(), signal.SIGTERM)
 
     with pytest.raises(Interrupted) as caught:
-        run.train(report, time.monotonic())
+        train_run(run, report, time.monotonic())
     assert caught.value.signal == signal.SIGTERM
     assert {n: signal.getsignal(n) for n in before} == before
-    assert len(run.metrics()) == 2
+    assert len(run.files.metrics()) == 2
     assert [path.name for path in (run.folder / "checkpoints").iterdir()] == ["step_10"]
     run, progress = resume(replaced(config, resume=True))
     assert_same(progress, finished[1])
@@ -162,7 +164,7 @@ def test_a_second_signal_has_its_usual_effect(tmp_path, tiny, usual_interrupt):
         time.sleep(5.0)
 
     with pytest.raises(KeyboardInterrupt):
-        run.train(report, time.monotonic())
+        train_run(run, report, time.monotonic())
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -192,7 +194,7 @@ def test_the_best_actor_is_the_last_of_the_best_by_its_worst_scene(tmp_path, tin
 
     monkeypatch.setattr(run.evaluator, "success", success)
     run.prepare_folder()
-    progress = run.train(lambda line: None, time.monotonic())
+    progress = train_run(run, lambda line: None, time.monotonic())
     assert (float(progress.best.score), int(progress.best.step)) == (pytest.approx(0.6), 15)
     assert_same(jax.device_get(progress.best.actor), seen[2][1])
     assert {seed for seed, _ in seen} == {2**31}  # never the seed of the evaluations that count
@@ -204,11 +206,11 @@ def test_a_loss_that_turns_non_finite_stops_and_the_last_good_checkpoint_stays(t
 
     def report(line):
         if line["env_steps"] == 160:
-            run._hyper = run._hyper.replace(critic_lr=jnp.float32(1e38))
+            run.hyper = run.hyper.replace(critic_lr=jnp.float32(1e38))
 
     with pytest.raises(UserError, match=r"critic_loss.* turned non-finite by step 15 .* step 10 is kept"):
-        run.train(report, time.monotonic())
-    assert len(run.metrics()) == 2
+        train_run(run, report, time.monotonic())
+    assert len(run.files.metrics()) == 2
     assert int(run.restore().loop.counter) == 10
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(run.restore().loop.learner))
 
@@ -259,7 +261,7 @@ def test_there_is_no_best_policy_before_an_evaluation(finished):
     run, progress = finished
     none = progress.best.replace(score=jnp.float32(-1.0))
     with pytest.raises(UserError, match=r"has no best policy .*: give --policy last"):
-        run.actor(progress.replace(best=none), "best")
+        run.policy("best", progress.replace(best=none))
 
 
 @pytest.mark.parametrize("damage", [os.unlink, lambda path: os.truncate(path, 50)])
@@ -270,16 +272,16 @@ def test_resuming_without_the_lines_of_before_is_refused(copied, damage):
     run = Run(config)
     run.prepare_folder()
     with pytest.raises(UserError, match=r"metrics\.jsonl .*: train anew with another --out"):
-        run.train(lambda line: pytest.fail("trained all the same"), time.monotonic())
+        train_run(run, lambda line: pytest.fail("trained all the same"), time.monotonic())
     assert content(folder) == before
 
 
 def test_a_line_that_was_cut_short_is_not_a_metric(copied):
     _, folder = copied
-    before = Run.open(folder).metrics()
+    before = Run.open(folder).files.metrics()
     with open(folder / "metrics.jsonl", "a") as file:
         file.write('{"env_steps": 4')
-    assert Run.open(folder).metrics() == before
+    assert Run.open(folder).files.metrics() == before
 
 
 @pytest.mark.parametrize(

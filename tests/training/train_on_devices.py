@@ -18,7 +18,9 @@ import jax
 
 from jaxnav.training.config import run_from_json
 from jaxnav.training.devices import Layout, is_first, join_processes, layout_on
-from jaxnav.training.run import Interrupted, Run
+from jaxnav.training.run import Run
+from jaxnav.training.signals import Interrupted
+from jaxnav.training.train import train as train_run
 
 
 def collectives(text):
@@ -43,8 +45,8 @@ def train(config, devices, copy, stop):
 
         return counted
 
-    def success(actor, seed):
-        assert is_first() and all(len(leaf.devices()) == 1 for leaf in jax.tree.leaves(actor))
+    def success(policy, seed):
+        assert is_first() and all(len(leaf.devices()) == 1 for leaf in jax.tree.leaves(policy.parameters))
         return {"square": 0.5}
 
     def report(line):
@@ -55,7 +57,7 @@ def train(config, devices, copy, stop):
     Layout.chunk, run.evaluator.success = chunk, success
     run.prepare_folder()
     try:
-        run.train(report, time.monotonic())
+        train_run(run, report, time.monotonic())
     except Interrupted as stopped:
         told["signal"] = stopped.signal
     Layout.chunk = compiled
