@@ -14,11 +14,11 @@ BLOCKS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 @pytest.mark.parametrize(
     ("package", "code", "printed"),
-    [(None, "\n".join(BLOCKS[:2]), "(1000, 2)"), ("gymnasium", BLOCKS[2], ""), ("gymnax", BLOCKS[3], "")],
+    [(None, "\n".join(BLOCKS[1:3]), "(1000, 2)"), ("gymnasium", BLOCKS[3], ""), ("gymnax", BLOCKS[4], "")],
     ids=["world", "gymnasium", "gymnax"],
 )
 def test_the_python_runs(package, code, printed):
-    """All but the last block, which trains: a test of the brax adapter does that with less."""
+    """All but the first and the last block, which train: other tests do so with less."""
     if package:
         pytest.importorskip(package, exc_type=ImportError)
         assert f"jaxnav.adapters.{package}" in code

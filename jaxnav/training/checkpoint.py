@@ -3,12 +3,17 @@
 The only user of Orbax.
 """
 
+import contextlib
+import gc
 import json
 import logging
 import pathlib
 import sys
+import traceback
 import warnings
 import zlib
+from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,21 +23,43 @@ import orbax.checkpoint as ocp
 from ..errors import UserError, remedy
 from .dataclass_json import differences
 
-# Orbax tells of every save and of every damaged file; a run's progress and errors say so in their own words. After a
-# failure its coroutines and the threads of TensorStore complain too, through hooks of Python's and at any later time.
-logging.getLogger("absl").setLevel(logging.CRITICAL)
-logging.getLogger("asyncio").setLevel(logging.CRITICAL)
-warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Orbax and what is below it from printing: errors of a checkpoint are told by `Checkpoints` in one line.
+
+    After a failure coroutines that were given up complain when they are collected. They are collected in here.
+    """
+    levels = {name: logging.getLogger(name).level for name in ("absl", "asyncio")}
+    hook = sys.unraisablehook
+
+    def complain(unraisable):
+        code = getattr(unraisable.object, "cr_code", None)
+        if str(unraisable.exc_value) != "Event loop is closed" and "orbax" not in getattr(code, "co_filename", ""):
+            hook(unraisable)
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+        for name in levels:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        sys.unraisablehook = complain
+        try:
+            yield
+        except Exception as error:
+            _free_frames(error)
+            gc.collect()
+            raise
+        finally:
+            sys.unraisablehook = hook
+            for name, level in levels.items():
+                logging.getLogger(name).setLevel(level)
 
 
-def _complain(unraisable, others=sys.unraisablehook):
-    """What Python calls with an exception that nobody can catch: passes on all but those of a failed checkpoint."""
-    code = getattr(unraisable.object, "cr_code", None)
-    if str(unraisable.exc_value) != "Event loop is closed" and "orbax" not in getattr(code, "co_filename", ""):
-        others(unraisable)
-
-
-sys.unraisablehook = _complain
+def _free_frames(error: BaseException | None) -> None:
+    """Let go of what the frames of an error and of its causes hold; its traceback stays."""
+    while error is not None:
+        traceback.clear_frames(error.__traceback__)
+        error = error.__cause__ or error.__context__
 
 
 class Checkpoints:
@@ -51,11 +78,12 @@ class Checkpoints:
         )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._manager = ocp.CheckpointManager(self.folder, options=options)
+            with _quiet():
+                self._manager = ocp.CheckpointManager(self.folder, options=options)
         except OSError as error:
             raise UserError(f"{self.folder} can't be used ({error.strerror}): {remedy(error)}") from error
 
-    def save(self, step, state, meta):
+    def save(self, step: int, state: Any, meta: dict[str, Any]) -> None:
         """Save ``state``, whole on this host, after env step ``step``.
 
         UserError: it can't be written, older checkpoints are kept.
@@ -66,18 +94,19 @@ class Checkpoints:
         meta = meta | {"checksum": _checksum(arrays, meta)}
         arguments = ocp.args.Composite(state=ocp.args.StandardSave(arrays), meta=ocp.args.JsonSave(meta))
         try:
-            self._manager.save(step, args=arguments, force=True)
+            with _quiet():
+                self._manager.save(step, args=arguments, force=True)
         except Exception as error:  # whatever Orbax and what is below it make of a file that can't be written
             raise UserError(
                 f"{self.folder} could not take the checkpoint of step {step} ({_first_line(error)}): "
                 f"{remedy(error)}, then go on with --resume"
             ) from error
 
-    def latest_step(self):
+    def latest_step(self) -> int | None:
         """The newest step saved, or None."""
         return self._manager.latest_step()
 
-    def restore(self, like, config):
+    def restore(self, like: Any, config: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         """(state, meta) of the newest checkpoint, on the host. like: its shapes; config: the run's, as JSON.
 
         UserError: none there, damaged, or of another configuration.
@@ -88,7 +117,8 @@ class Checkpoints:
         where = self.folder / f"step_{step}"
         damaged = UserError(f"{where} is damaged: delete it to fall back to the one before, or train anew")
         try:
-            meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
+            with _quiet():
+                meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
             checksum = meta.pop("checksum")
             changed = differences(meta["config"], config)
             if not changed:
@@ -96,7 +126,8 @@ class Checkpoints:
                 # Numpy arrays are what Orbax then makes: the devices of who saved it may not be there, or too small.
                 arrays = {name: np.empty(shape.shape, shape.dtype) for name, shape in shapes.items()}
                 arguments = ocp.args.Composite(state=ocp.args.StandardRestore(arrays))
-                state = self._manager.restore(step, args=arguments).state
+                with _quiet():
+                    state = self._manager.restore(step, args=arguments).state
                 if _checksum(state, meta) != checksum:
                     raise ValueError("changed bytes")
         except Exception as error:  # Orbax raises bare exceptions for damaged files

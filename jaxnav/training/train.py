@@ -22,7 +22,7 @@ def train(run: Run, report: Callable[[dict[str, Any]], object], started: float) 
     Call `Run.prepare_folder` first. report: called with each line of metrics.jsonl; started: ``time.monotonic()`` from
     which wall_seconds count.
 
-    UserError: numbers turned non-finite, or a file can't be written. Interrupted: a signal came; a checkpoint was saved.
+    UserError: numbers turned non-finite, or a file can't be written. Interrupted: a signal came, a checkpoint is saved.
     """
     config, layout, files = run.config, run.layout, run.files
     with together():
