@@ -4,6 +4,7 @@ import dataclasses
 
 from flax import struct
 
+from .. import fields
 from .configs import RolloutConfig
 from .losses.ppo import policy_gradient
 from .ppo import PPO, PPOHyperparameters
@@ -11,14 +12,15 @@ from .ppo import PPO, PPOHyperparameters
 
 @dataclasses.dataclass(frozen=True)
 class A2CConfig(RolloutConfig):
-    __doc__ = RolloutConfig.__doc__
+    """Sizes of the learner: static under ``jit``."""
 
 
 @struct.dataclass
 class A2CHyperparameters(PPOHyperparameters):
-    __doc__ = PPOHyperparameters.__doc__
+    """Floats of the learner, leaves for ``vmap``."""
 
-    average: float = 0.06  # it makes a sixth of PPO's updates: as long an average in steps of the world
+    # It makes a sixth of PPO's updates: as long an average in steps of the world.
+    average: float = fields.again(PPOHyperparameters, "average", 0.06)
 
 
 class A2C(PPO):

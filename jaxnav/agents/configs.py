@@ -3,32 +3,38 @@
 import dataclasses
 from typing import Self
 
+from .. import fields
 from .encoders import Encoder, find_encoder
+
+_ENCODERS = ("lidar", "lidar-approach", "grid", "grid-frozen")
+
+
+def _are_widths(value):
+    return isinstance(value, tuple) and all(type(width) is int and width >= 1 for width in value)
 
 
 @dataclasses.dataclass(frozen=True)
 class LearnerConfig:
-    """Sizes of the networks: static under ``jit``.
+    """Sizes of the networks: static under ``jit``."""
 
-    Attributes:
-        encoder: how observations become features: lidar, lidar-approach (which is told when and how near each
-            pedestrian comes), grid (the paper's CNN), grid-frozen (its weights random), or one that you registered.
-        encoder_widths: its widths, in the order in which it names them; empty for its own.
-        actor_widths: hidden layers of the actor.
-        critic_widths: hidden layers of each critic, or of the value network.
-    """
-
-    encoder: str = "lidar"
-    encoder_widths: tuple[int, ...] = ()
-    actor_widths: tuple[int, ...] = (128, 128)
-    critic_widths: tuple[int, ...] = (128, 128)
+    encoder: str = fields.part(
+        "lidar",
+        _ENCODERS,
+        doc="how observations become features: lidar, lidar-approach (which is told when and how near each pedestrian "
+        "comes), grid (the paper's CNN) or grid-frozen (its weights random)",
+    )
+    encoder_widths: tuple[int, ...] = fields.other(
+        (), allowed="whole numbers of at least 1", holds=_are_widths,
+        doc="widths of the encoder, in the order in which it names them; none for its own",
+    )  # fmt: skip
+    actor_widths: tuple[int, ...] = fields.wholes((128, 128), doc="hidden layers of the actor")
+    critic_widths: tuple[int, ...] = fields.wholes(
+        (128, 128), doc="hidden layers of each critic, or of the value network"
+    )
 
     def __post_init__(self):
+        fields.check(self, "agent")
         find_encoder(self.encoder).sizes(self.encoder_widths)
-        for name in ("actor_widths", "critic_widths"):
-            widths = getattr(self, name)
-            if not widths or any(width < 1 for width in widths):
-                raise ValueError(f"agent.{name} is {widths!r}: give at least one width, each at least 1")
 
     @property
     def encoding(self) -> Encoder:
@@ -43,34 +49,15 @@ class LearnerConfig:
         """How many updates ``steps`` steps of all episodes make."""
         raise NotImplementedError
 
-    def _check_whole(self, *names):
-        for name in names:
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"agent.{name} is {value!r}: give a whole number of at least 1")
-
 
 @dataclasses.dataclass(frozen=True)
 class ReplayConfig(LearnerConfig):
-    """Sizes of a learner that samples from replay.
+    """Sizes of a learner that samples from replay: static under ``jit``."""
 
-    Attributes:
-        batch: transitions an update.
-        updates_per_step: updates after each step of all episodes.
-        n_step: rewards that are summed before the critics are asked.
-        huber_delta: error at which the critic loss turns linear.
-    """
-
-    batch: int = 512
-    updates_per_step: int = 4
-    n_step: int = 3
-    huber_delta: float = 2.0
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("batch", "updates_per_step", "n_step")
-        if not self.huber_delta > 0:
-            raise ValueError(f"agent.huber_delta is {self.huber_delta!r}: give a number above 0")
+    batch: int = fields.whole(512, low=1, doc="transitions an update")
+    updates_per_step: int = fields.whole(4, low=1, doc="updates after each step of all episodes")
+    n_step: int = fields.whole(3, low=1, doc="rewards that are summed before the critics are asked")
+    huber_delta: float = fields.number(2.0, above=0, doc="error at which the critic loss turns linear")
 
     def updates(self, steps: int) -> int:
         return steps * self.updates_per_step
@@ -78,17 +65,11 @@ class ReplayConfig(LearnerConfig):
 
 @dataclasses.dataclass(frozen=True)
 class RolloutConfig(LearnerConfig):
-    """Sizes of a learner that learns from the steps that it has just played.
+    """Sizes of a learner that learns from the steps that it has just played: static under ``jit``."""
 
-    Attributes:
-        horizon: steps of all episodes that an update learns from; divides train.steps_per_chunk.
-    """
-
-    horizon: int = 5
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("horizon")
+    horizon: int = fields.whole(
+        5, low=1, doc="steps of all episodes that an update learns from; divides train.steps_per_chunk"
+    )
 
     def updates(self, steps: int) -> int:
         return steps // self.horizon

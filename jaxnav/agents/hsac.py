@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
+from .. import fields
 from ..language.vocabulary import Vocabulary, vocabulary
 from ..world import Action, Observation
 from .configs import ReplayConfig
@@ -29,62 +30,47 @@ _LOG_TEMPERATURE_RANGE = (-10.0, 2.0)
 
 @dataclasses.dataclass(frozen=True)
 class HSACConfig(ReplayConfig):
-    """Sizes of the learner: static under ``jit``.
+    """Sizes of the learner: static under ``jit``."""
 
-    Attributes:
-        language: the actor hears phrases, the embedding of a sentence, or codes, the message itself as a one-hot.
-        requests: how many the robot chooses from: 4; 2, none and stop; 1, nothing at all.
-        heads: of the twist: shared, one for all requests; per-request, one for each.
-    """
-
-    language: str = "phrases"
-    requests: int = 4
-    heads: str = "shared"
-
-    def __post_init__(self):
-        super().__post_init__()
-        choices = {"language": LANGUAGES, "requests": (1, 2, 4), "heads": HEADS}
-        for name, allowed in choices.items():
-            if getattr(self, name) not in allowed:
-                choose = f"choose from {', '.join(map(str, allowed))}"
-                raise ValueError(f"agent.{name} {getattr(self, name)!r} is unknown: {choose}")
+    language: str = fields.choice(
+        "phrases",
+        LANGUAGES,
+        doc="the actor hears phrases, the embedding of a sentence, or codes, the message itself as a one-hot",
+    )
+    requests: int = fields.choice(
+        4, (1, 2, 4), doc="how many requests the robot chooses from: 4; 2, none and stop; 1, nothing at all"
+    )
+    heads: str = fields.choice(
+        "shared", HEADS, doc="of the twist: shared, one for all requests, or per-request, one for each"
+    )
 
 
 @struct.dataclass
 class HSACHyperparameters:
-    """Floats of the learner, leaves for ``vmap``.
+    """Floats of the learner, leaves for ``vmap``."""
 
-    Attributes:
-        actor_lr: learning rate of the actor.
-        critic_lr: learning rate of the critics.
-        temperature_lr: learning rate of the two log temperatures.
-        final_lr: fraction of these rates that is left at the end of training; they decay linearly.
-        discount: of the return, a step.
-        tau: share of the critics that enters the target critics at each update.
-        average: share of the actor that enters, at each of its updates, the averaged one that is evaluated.
-        target_entropy_twist: nats, of the twist in [-1, 1]^2.
-        target_entropy_request: fraction of log(number of requests), where requests count.
-        initial_temperature: of twist and request.
-        reward_scale: factor on rewards.
-        word_noise: norm of the noise on the unit vectors of what is said, in training.
-        word_errors: share of what is said that speech recognition garbles, in training.
-        message_weight: of the auxiliary loss, by which the actor learns what phrases mean.
-    """
-
-    actor_lr: float = 1e-3
-    critic_lr: float = 1e-3
-    temperature_lr: float = 3e-3
-    final_lr: float = 1.0
-    discount: float = 0.97
-    tau: float = 0.01
-    average: float = 0.01
-    target_entropy_twist: float = -2.0
-    target_entropy_request: float = 0.36
-    initial_temperature: float = 0.05
-    reward_scale: float = 0.01
-    word_noise: float = 0.6
-    word_errors: float = 0.1
-    message_weight: float = 1.0
+    actor_lr: float = fields.number(1e-3, low=0, doc="learning rate of the actor")
+    critic_lr: float = fields.number(1e-3, low=0, doc="learning rate of the critics")
+    temperature_lr: float = fields.number(3e-3, low=0, doc="learning rate of the two log temperatures")
+    final_lr: float = fields.probability(
+        1.0, doc="fraction of these rates that is left at the end of training; they decay linearly"
+    )
+    discount: float = fields.probability(0.97, doc="of the return, a step")
+    tau: float = fields.probability(0.01, doc="share of the critics that enters the target critics at each update")
+    average: float = fields.probability(
+        0.01, doc="share of the actor that enters, at each update, the averaged one that is evaluated"
+    )
+    target_entropy_twist: float = fields.number(-2.0, unit="nats", doc="entropy aimed at, of the twist in [-1, 1]^2")
+    target_entropy_request: float = fields.probability(
+        0.36, doc="entropy aimed at, of requests where they count: fraction of log(number of requests)"
+    )
+    initial_temperature: float = fields.number(0.05, above=0, doc="temperature of twist and request before training")
+    reward_scale: float = fields.number(0.01, above=0, doc="factor on rewards")
+    word_noise: float = fields.number(0.6, low=0, doc="norm of the noise on the unit vectors of sentences, in training")
+    word_errors: float = fields.probability(0.1, doc="share of sentences that speech recognition garbles, in training")
+    message_weight: float = fields.number(
+        1.0, low=0, doc="weight of the auxiliary loss by which the actor learns the meaning of phrases"
+    )
 
 
 @struct.dataclass

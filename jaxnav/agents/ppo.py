@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
+from .. import fields
 from ..world import Action, Observation
 from .configs import RolloutConfig
 from .learner import ADAM, Batch, Parameters, SilentLearner, descend, silent
@@ -21,20 +22,13 @@ from .networks import LOG_STD_RANGE, Actor, Value, message_codes
 
 @dataclasses.dataclass(frozen=True)
 class PPOConfig(RolloutConfig):
-    """Sizes of the learner: static under ``jit``.
+    """Sizes of the learner: static under ``jit``."""
 
-    Attributes:
-        epochs: how often each of them is used.
-        minibatches: into how many parts they are split each time; divides horizon times train.episodes.
-    """
-
-    horizon: int = 25
-    epochs: int = 8
-    minibatches: int = 4
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("epochs", "minibatches")
+    horizon: int = fields.again(RolloutConfig, "horizon", 25)
+    epochs: int = fields.whole(8, low=1, doc="how often each step is used")
+    minibatches: int = fields.whole(
+        4, low=1, doc="parts into which the steps are split each time; divides horizon times train.episodes"
+    )
 
     def updates(self, steps: int) -> int:
         return super().updates(steps) * self.epochs * self.minibatches
@@ -42,33 +36,27 @@ class PPOConfig(RolloutConfig):
 
 @struct.dataclass
 class PPOHyperparameters:
-    """Floats of the learner, leaves for ``vmap``.
+    """Floats of the learner, leaves for ``vmap``."""
 
-    Attributes:
-        actor_lr: learning rate of the actor.
-        critic_lr: learning rate of the value network.
-        final_lr: fraction of these rates that is left at the end of training; they decay linearly.
-        average: share of the actor that enters, at each update, the averaged one that is evaluated.
-        discount: of the return, a step.
-        gae_lambda: share of the advantages that is taken from further steps.
-        clip: the most by which the ratio of probabilities may differ from 1 to be rewarded.
-        entropy_weight: of the bonus on entropy.
-        max_gradient_norm: longest gradient of actor or value network that is followed.
-        initial_std: standard deviation of the twist before training.
-        reward_scale: factor on rewards.
-    """
-
-    actor_lr: float = 1e-3
-    critic_lr: float = 1e-3
-    final_lr: float = 1.0
-    average: float = 0.01
-    discount: float = 0.97
-    gae_lambda: float = 0.95
-    clip: float = 0.2
-    entropy_weight: float = 0.003
-    max_gradient_norm: float = 0.5
-    initial_std: float = 0.5
-    reward_scale: float = 0.01
+    actor_lr: float = fields.number(1e-3, low=0, doc="learning rate of the actor")
+    critic_lr: float = fields.number(1e-3, low=0, doc="learning rate of the value network")
+    final_lr: float = fields.probability(
+        1.0, doc="fraction of these rates that is left at the end of training; they decay linearly"
+    )
+    average: float = fields.probability(
+        0.01, doc="share of the actor that enters, at each update, the averaged one that is evaluated"
+    )
+    discount: float = fields.probability(0.97, doc="of the return, a step")
+    gae_lambda: float = fields.probability(0.95, doc="share of the advantages that is taken from further steps")
+    clip: float = fields.number(
+        0.2, above=0, doc="the most by which the ratio of probabilities may differ from 1 to be rewarded"
+    )
+    entropy_weight: float = fields.number(0.003, low=0, doc="weight of the bonus on entropy")
+    max_gradient_norm: float = fields.number(
+        0.5, above=0, doc="longest gradient of actor or value network that is followed"
+    )
+    initial_std: float = fields.number(0.5, above=0, high=1, doc="standard deviation of the twist before training")
+    reward_scale: float = fields.number(0.01, above=0, doc="factor on rewards")
 
 
 @struct.dataclass

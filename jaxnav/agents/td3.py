@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
+from .. import fields
 from ..world import Action, Observation
 from .configs import ReplayConfig
 from .learner import ADAM, Batch, Parameters, SilentLearner, descend, silent
@@ -18,44 +19,30 @@ from .networks import Actor, TwinCritic, message_codes
 
 @dataclasses.dataclass(frozen=True)
 class TD3Config(ReplayConfig):
-    """Sizes of the learner: static under ``jit``.
+    """Sizes of the learner: static under ``jit``."""
 
-    Attributes:
-        actor_every: updates of the critics for one of the actor.
-    """
-
-    actor_every: int = 2
-
-    def __post_init__(self):
-        super().__post_init__()
-        self._check_whole("actor_every")
+    actor_every: int = fields.whole(2, low=1, doc="updates of the critics for one of the actor")
 
 
 @struct.dataclass
 class TD3Hyperparameters:
-    """Floats of the learner, leaves for ``vmap``.
+    """Floats of the learner, leaves for ``vmap``."""
 
-    Attributes:
-        actor_lr: learning rate of the actor.
-        critic_lr: learning rate of the critics.
-        final_lr: fraction of these rates that is left at the end of training; they decay linearly.
-        discount: of the return, a step.
-        tau: share of the critics and the actor that enters the target ones at each update of the actor.
-        exploration_noise: standard deviation of the noise on twists that are tried.
-        target_noise: standard deviation of the noise on twists that the target critics judge.
-        target_noise_clip: the most of that noise.
-        reward_scale: factor on rewards.
-    """
-
-    actor_lr: float = 1e-3
-    critic_lr: float = 1e-3
-    final_lr: float = 1.0
-    discount: float = 0.97
-    tau: float = 0.02
-    exploration_noise: float = 0.2
-    target_noise: float = 0.2
-    target_noise_clip: float = 0.5
-    reward_scale: float = 0.01
+    actor_lr: float = fields.number(1e-3, low=0, doc="learning rate of the actor")
+    critic_lr: float = fields.number(1e-3, low=0, doc="learning rate of the critics")
+    final_lr: float = fields.probability(
+        1.0, doc="fraction of these rates that is left at the end of training; they decay linearly"
+    )
+    discount: float = fields.probability(0.97, doc="of the return, a step")
+    tau: float = fields.probability(
+        0.02, doc="share of the critics and the actor that enters the target ones at each update of the actor"
+    )
+    exploration_noise: float = fields.number(0.2, low=0, doc="standard deviation of the noise on twists that are tried")
+    target_noise: float = fields.number(
+        0.2, low=0, doc="standard deviation of the noise on twists that the target critics judge"
+    )
+    target_noise_clip: float = fields.number(0.5, low=0, doc="the most of that noise")
+    reward_scale: float = fields.number(0.01, above=0, doc="factor on rewards")
 
 
 @struct.dataclass
