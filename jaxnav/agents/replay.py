@@ -6,10 +6,14 @@ Generic in what it stores: any pytree of arrays `[episodes, ...]`. The model is 
 import dataclasses
 import functools
 from collections import defaultdict
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+Contents = dict[str, jax.Array]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,27 +22,29 @@ class Replay:
 
     Packing turns some fifty small gathers a sample into four, and stores no padding.
 
-    rows:      steps that are kept.
-    template:  one transition, shapes and types only.
-    shards:    equal parts of the episodes, of which each has the same share in every sample.
+    Attributes:
+        rows: steps that are kept.
+        template: one transition, shapes and types only.
+        shards: equal parts of the episodes, each with the same share in every sample.
     """
 
     rows: int
-    template: object
+    template: Any
     shards: int = 1
 
     @property
-    def bytes_per_transition(self):
+    def bytes_per_transition(self) -> int:
+        """Bytes that a transition takes."""
         return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(self.template))
 
-    def init(self, episodes):
+    def init(self, episodes: int) -> Contents:
         """Empty contents for that many parallel episodes."""
         return {
             dtype: jnp.zeros((self.rows, episodes, sum(leaf.size for leaf in leaves)), dtype)
             for dtype, leaves in self._by_type(self.template).items()
         }
 
-    def add(self, contents, step, transitions):
+    def add(self, contents: Contents, step: jax.Array | int, transitions: Any) -> Contents:
         """Write the transitions `[episodes, ...]` of env step ``step`` over the oldest ones."""
         packed = {
             dtype: jnp.concatenate([leaf.reshape(leaf.shape[0], -1) for leaf in leaves], axis=1)
@@ -47,15 +53,18 @@ class Replay:
         row = step % self.rows
         return {name: jax.lax.dynamic_update_index_in_dim(contents[name], packed[name], row, 0) for name in contents}
 
-    def sample(self, key, contents, steps, batch, n=1, discount=1.0, since=0):
+    def sample(
+        self, key: jax.Array, contents: Contents, steps: jax.Array | int, batch: int, n: int = 1,
+        discount: jax.Array | float = 1.0, since: jax.Array | int = 0,
+    ) -> tuple[Any, jax.Array]:  # fmt: skip
         """``batch`` uniform transitions `[batch, ...]` of the last ``rows`` of ``steps`` steps: (transitions, steps).
 
-        Those of a shard are in a row, and drawn from its own episodes: no shard reads what another one keeps.
+        Those of a shard are in a row, and drawn from its own episodes: no shard reads the rows of another.
 
-        since: step whose transitions are the first that count; what was written before belongs to somebody else.
-
-        With ``n`` above 1 each spans so many steps, or fewer where its episode or the record ends: its reward is their
+        With ``n`` above 1 each spans n steps, or fewer where its episode or the record ends: its reward is their
         discounted sum, its next snapshot and its end are those of the last of them, and ``steps`` says how many.
+
+        since: the first step whose transitions count; earlier ones belong to somebody else.
         """
         episodes = next(iter(contents.values())).shape[1] // self.shards
         oldest = steps - jnp.minimum(steps - since, self.rows)
@@ -99,11 +108,13 @@ class Replay:
         return jax.tree.unflatten(treedef, out)
 
 
-def by_shard(function, shards, axes):
-    """``function``, of arrays with a row for each of some things, as one that sees only one shard's rows at a time.
+def by_shard(function: Callable[..., jax.Array], shards: int, axes: Sequence[int]) -> Callable[..., jax.Array]:
+    """``function`` of arrays with rows, as a function that sees one shard's rows at a time.
 
-    axes: of each argument the axis of these rows, which are parted into ``shards`` of the same size; the results `[n,
-    ...]` of all shards follow each other. Where arrays lie on several devices, whole shards on each, none is moved.
+    The rows are parted into ``shards`` of the same size; the results `[n, ...]` of all shards follow each other. Where
+    arrays lie on several devices, whole shards on each, none is moved.
+
+    axes: the axis of the rows, for each argument.
     """
     if shards == 1:
         return function
@@ -119,6 +130,6 @@ def by_shard(function, shards, axes):
     return parted
 
 
-def select(mask, new, old):
+def select(mask: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
     """``new`` where ``mask`` `[n]` is set and ``old`` elsewhere, `[n, ...]` both."""
     return jnp.where(mask.reshape(-1, *[1] * (old.ndim - 1)), new, old)
