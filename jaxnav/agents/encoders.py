@@ -135,7 +135,7 @@ class GridEncoder(nn.Module):
             batch, height, width, _ = x.shape
             # ReLU after the maximum: the same numbers, a quarter of the work.
             x = nn.relu(x.reshape(batch, height // 2, 2, width // 2, 2, channels).max(axis=(2, 4)))
-        image = nn.relu(nn.Dense(self.features)(x.reshape(batch, -1))).reshape(*lead, self.features)
+        image = nn.relu(nn.Dense(self.features)(x.reshape(x.shape[0], -1))).reshape(*lead, self.features)
         if self.frozen:
             image = jax.lax.stop_gradient(image)
         talk = MLP([self.dialogue])(dialogue_features(part(observation, "dialogue"), heard))

@@ -6,8 +6,8 @@ are leaves of `HSACHyperparameters`; `HSACConfig` holds sizes.
 """
 
 import dataclasses
+from typing import Any
 
-import chex
 import jax
 import jax.numpy as jnp
 import optax
@@ -88,14 +88,14 @@ class HSACState:
         temperature_optimiser: likewise.
     """
 
-    actor: chex.ArrayTree
-    averaged: chex.ArrayTree
-    critic: chex.ArrayTree
-    target_critic: chex.ArrayTree
+    actor: Parameters
+    averaged: Parameters
+    critic: Parameters
+    target_critic: Parameters
     log_temperatures: dict
-    actor_optimiser: chex.ArrayTree
-    critic_optimiser: chex.ArrayTree
-    temperature_optimiser: chex.ArrayTree
+    actor_optimiser: Any
+    critic_optimiser: Any
+    temperature_optimiser: Any
 
 
 class HSAC:
@@ -221,7 +221,7 @@ class HSAC:
     def _noisy_vocabulary(self, hyper):
         if self.training_vocabulary is None:
             return None
-        return self.training_vocabulary.replace(noise=hyper.word_noise, error_share=hyper.word_errors)
+        return dataclasses.replace(self.training_vocabulary, noise=hyper.word_noise, error_share=hyper.word_errors)
 
 
 def _whole_actor(actor, observation, words):

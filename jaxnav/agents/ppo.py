@@ -6,7 +6,6 @@ They steer and are silent.
 import dataclasses
 from typing import Any
 
-import chex
 import jax
 import jax.numpy as jnp
 import optax
@@ -71,11 +70,11 @@ class PPOState:
         value_optimiser: likewise.
     """
 
-    actor: chex.ArrayTree
-    averaged: chex.ArrayTree
-    value: chex.ArrayTree
-    actor_optimiser: chex.ArrayTree
-    value_optimiser: chex.ArrayTree
+    actor: Parameters
+    averaged: Parameters
+    value: Parameters
+    actor_optimiser: Any
+    value_optimiser: Any
 
 
 class PPO(SilentLearner):

@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any
 
-import chex
 import jax
 import jax.numpy as jnp
 import optax
@@ -58,12 +57,12 @@ class TD3State:
         critic_optimiser: likewise.
     """
 
-    actor: chex.ArrayTree
-    critic: chex.ArrayTree
-    target_actor: chex.ArrayTree
-    target_critic: chex.ArrayTree
-    actor_optimiser: chex.ArrayTree
-    critic_optimiser: chex.ArrayTree
+    actor: Parameters
+    critic: Parameters
+    target_actor: Parameters
+    target_critic: Parameters
+    actor_optimiser: Any
+    critic_optimiser: Any
 
 
 class TD3(SilentLearner):
@@ -126,15 +125,16 @@ class TD3(SilentLearner):
         )
         change, critic_optimiser = ADAM.update(gradient, state.critic_optimiser)
         critic = descend(state.critic, change, hyper.critic_lr * lr_scale)
-        state = state.replace(critic=critic, critic_optimiser=critic_optimiser)
+        state = dataclasses.replace(state, critic=critic, critic_optimiser=critic_optimiser)
 
-        def update_actor(state):
+        def update_actor(state: TD3State):
             loss, gradient = jax.value_and_grad(losses.actor_loss)(
                 state.actor, self.best_twist, self.q, state.critic, batch
             )
             change, actor_optimiser = ADAM.update(gradient, state.actor_optimiser)
             actor = descend(state.actor, change, hyper.actor_lr * lr_scale)
-            new = state.replace(
+            new = dataclasses.replace(
+                state,
                 actor=actor,
                 actor_optimiser=actor_optimiser,
                 target_actor=optax.incremental_update(actor, state.target_actor, hyper.tau),

@@ -27,7 +27,11 @@ _PERIOD = "control.period"  # the unit of ages
 _FAR = 1000.0  # m or rad: what is beyond it is a mistake
 SQUASHES = ("tanh", "clip")  # how the mean of a twist comes into its range
 RAW_PARTS = ("scan", "pedestrians", "dialogue")  # of an observation, of which all inputs are made
-TALK = ("is_open", "pedestrian_first", "message_age", "request", "request_age", "reply")  # observed of a dialogue
+# Inputs by the fields of `ObservedDialogue`. "request" is the name of an output, and no input of ONNX may share it.
+TALK = {
+    "is_open": "is_open", "pedestrian_first": "pedestrian_first", "message_age": "message_age", "asked": "request",
+    "request_age": "request_age", "reply": "reply",
+}  # fmt: skip
 
 
 def check_exportable(agent: Learner) -> None:
@@ -155,7 +159,7 @@ _INPUTS = {
     "is_open": _each("bool", 0, 1, "Whether a dialogue with that person is open."),
     "pedestrian_first": _each("bool", 0, 1, "Whether that person spoke first in it."),
     "message_age": _each("int32", 0, 1_000_000, "Periods since the person spoke, 0 where it did not.", _PERIOD),
-    "request": _each("int32", 0, 3, "The request that the robot asked of that person, 0 none."),
+    "asked": _each("int32", 0, 3, "The request that the robot asked of that person, 0 none."),
     "request_age": _each("int32", 0, 1_000_000, "Periods since it asked, 0 where it did not.", _PERIOD),
     "reply": _each("int32", 0, 2, "The answer: an index into replies."),
     "words": lambda run, nearest: _entry(

@@ -57,7 +57,7 @@ class Reference:
     def _inputs(self, vocabulary: Any, states: Any, voice: Any) -> dict[str, Any]:
         seen = jax.vmap(self._raw.observe, in_axes=(0, None))(states, self._run.params)
         talk: Any = seen.dialogue
-        given = {name: getattr(talk, name) for name in (*TALK, "message")}
+        given = {name: getattr(talk, field) for name, field in TALK.items()} | {"message": talk.message}
         given |= {"is_open": talk.is_open != 0, "pedestrian_first": talk.pedestrian_first != 0}
         given |= {name: getattr(seen, name) for name in ("scan", "pedestrians", "seen", "pose", "twist", "may_request")}
         given |= {"voice": voice, "spoken": talk.utterance != 0}

@@ -27,6 +27,7 @@ from jaxnav.agents import (
 from jaxnav.agents.encoders import find_encoder
 from jaxnav.errors import UserError
 from jaxnav.export.bundle import write_bundle
+from jaxnav.export.contract import origin_of
 from jaxnav.export.verify import verify
 from jaxnav.training.config import preset, resolve
 from jaxnav.training.run import Run
@@ -65,7 +66,7 @@ def test_an_encoder_from_one_file_is_exported_with_its_twin(tmp_path):
         lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(run.world.observe, state, run.params)
     )
     actor = run.agent.policy(run.agent.init(jax.random.key(1), observation, run.config.hyper))
-    write_bundle(run, actor, tmp_path / "bundle", {})
+    write_bundle(run, actor, tmp_path / "bundle", origin_of(run, "last", {}, None))
     network = json.loads((tmp_path / "bundle" / "contract.json").read_text())["network"]
     assert network["encoder_widths"] == {"scan": 8, "talk": 4} and "scan" in network["inputs"]
     assert "selftest passed" in verify(tmp_path / "bundle")
@@ -87,7 +88,8 @@ def test_a_learner_from_one_file_learns_the_twist_that_pays(blank_observation, r
     hyper = record.hyper(lr=1e-2, discount=0.0)
     rng = np.random.default_rng(0)
     twist = rng.choice(names["TWISTS"], 64)
-    batch = random_batch(rng, (64,), twist=twist, reward=np.float32(-100 * np.abs(twist - [0.0, 0.5]).sum(axis=-1)))
+    reward = np.float32(-100 * np.abs(twist - [0.0, 0.5]).sum(axis=-1))
+    batch = random_batch(rng, (64,), observation=blank_observation(True, (64,)), twist=twist, reward=reward)
 
     @jax.jit
     def learnt(key):

@@ -28,7 +28,9 @@ def random_learner(agent, observation, hyper, rng):
         moments = {"mu": jnp.zeros(optimiser.mu.shape), "nu": jnp.full(optimiser.nu.shape, SQUARES)}
         return optimiser._replace(count=jnp.int32(COUNT), **moments)
 
-    return learner.replace(**{name: seasoned(shapes[name]) for name in shapes if name.endswith("optimiser")})
+    return learner.replace(
+        **{name: seasoned(leaf) for name, leaf in vars(shapes).items() if name.endswith("optimiser")}
+    )
 
 
 def adam(parameters, lr):

@@ -59,7 +59,7 @@ def dialogue_features(x, heard):
     """[B, K, 14] of the dialogue with each person; DIALOGUE."""
     state = [x["is_open"], x["pedestrian_first"], x["message_age"], x["request_age"]]
     state = torch.clamp(torch.stack(state, dim=-1), max=10.0)
-    return torch.cat([state, heard, one_hot(x["request"], 0, 4), one_hot(x["reply"], 0, 3)], dim=-1)
+    return torch.cat([state, heard, one_hot(x["asked"], 0, 4), one_hot(x["reply"], 0, 3)], dim=-1)
 
 
 def approach_features(x):
@@ -94,7 +94,7 @@ def own_features(x):
 
 def somebody(x):
     """[B, K, 1] 1 for people who are seen or in dialogue, 0 for rows of nobody."""
-    signs = x["is_open"] + x["request"] + x["spoken"]
+    signs = x["is_open"] + x["asked"] + x["spoken"]
     if "seen" in x:
         signs = signs + x["seen"]
     return (signs > 0).float().unsqueeze(-1)

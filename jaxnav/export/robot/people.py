@@ -170,7 +170,7 @@ class People:
                 )  # fmt: skip
         columns = {
             "seen": "seen", "is_open": "is_open", "pedestrian_first": "first", "message_age": "message_age",
-            "request": "request", "request_age": "request_age", "reply": "reply", "message": "message",
+            "asked": "request", "request_age": "request_age", "reply": "reply", "message": "message",
             "spoken": "spoken",
         }  # fmt: skip
         for name, attribute in columns.items():
