@@ -10,6 +10,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
+from .. import plugins
 from ..errors import UserError
 from ..world.config import OBSERVATION_PARTS
 from ..world.types import Observation
@@ -157,9 +158,23 @@ def register_encoder(encoder: Encoder) -> Encoder:
     UserError: the name is taken by another, a part that it reads is unknown, its widths are no whole numbers, or its
     module takes something else than (observation, heard).
     """
-    said = f"the encoder {encoder.name!r}"
     if ENCODERS.get(encoder.name, encoder) is not encoder:
-        raise UserError(f"{said} is registered already: choose another name")
+        raise UserError(f"the encoder {encoder.name!r} is registered already: choose another name")
+    ENCODERS[encoder.name] = _checked(encoder)
+    return encoder
+
+
+def find_encoder(name: str) -> Encoder:
+    """The encoder of that name, registered or file.py:NAME. ValueError: there is none; UserError: it can't be used."""
+    if plugins.is_file(name):
+        return _checked(plugins.load_part(name, "encoder"))
+    if name not in ENCODERS:
+        raise ValueError(f"agent.encoder {name!r} is unknown: choose from {', '.join(ENCODERS)}, or give file.py:NAME")
+    return ENCODERS[name]
+
+
+def _checked(encoder):
+    said = f"the encoder {encoder.name!r}"
     unknown = [name for name in encoder.reads if name not in OBSERVATION_PARTS]
     if unknown:
         raise UserError(f"{said} reads {unknown[0]!r}, which is no part: choose from {', '.join(OBSERVATION_PARTS)}")
@@ -175,15 +190,7 @@ def register_encoder(encoder: Encoder) -> Encoder:
         raise UserError(
             f"{said} can't be called with (observation, heard): its __call__ has to take these two"
         ) from None
-    ENCODERS[encoder.name] = encoder
     return encoder
-
-
-def find_encoder(name: str) -> Encoder:
-    """The encoder of that name. ValueError: there is none."""
-    if name not in ENCODERS:
-        raise ValueError(f"agent.encoder {name!r} is unknown: choose from {', '.join(ENCODERS)}")
-    return ENCODERS[name]
 
 
 def encode(module: Any, observation: Observation, heard: jax.Array) -> jax.Array:

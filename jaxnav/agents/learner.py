@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
+from .. import plugins
 from ..errors import UserError
 from ..language.vocabulary import Vocabulary
 from ..world import Action, Observation, Snapshot
@@ -210,23 +211,30 @@ def register_learner(
     """
     if name in LEARNERS and LEARNERS[name].learner is not learner:
         raise UserError(f"the learner {name!r} is registered already: choose another name")
+    LEARNERS[name] = _checked(RegisteredLearner(name, learner, config, hyper))
+    return LEARNERS[name]
+
+
+def find_learner(name: str) -> RegisteredLearner:
+    """The learner of that name, registered or file.py:NAME. UserError: there is none, or it can't be used."""
+    if plugins.is_file(name):
+        return _checked(plugins.load_part(name, "learner"))
+    if name not in LEARNERS:
+        raise UserError(f"algo {name!r} is unknown: choose from {', '.join(LEARNERS)}, or give file.py:NAME")
+    return LEARNERS[name]
+
+
+def _checked(entry):
+    name, config, hyper = entry.name, entry.config, entry.hyper
     if not (isinstance(config, type) and issubclass(config, LearnerConfig)):
         raise UserError(f"the learner {name!r} has the config {config!r}: give a dataclass that extends LearnerConfig")
     fields = {field.name for field in dataclasses.fields(hyper)} if dataclasses.is_dataclass(hyper) else set()
     lacking = sorted({"discount", "final_lr"} - fields)
     if lacking:
         raise UserError(f"the hyperparameters of the learner {name!r} lack {', '.join(lacking)}: add these fields")
-    if isinstance(learner, type):
-        _check_methods(name, learner, 1)
-    LEARNERS[name] = RegisteredLearner(name, learner, config, hyper)
-    return LEARNERS[name]
-
-
-def find_learner(name: str) -> RegisteredLearner:
-    """The learner of that name. UserError: there is none."""
-    if name not in LEARNERS:
-        raise UserError(f"algo {name!r} is unknown: choose from {', '.join(LEARNERS)}")
-    return LEARNERS[name]
+    if isinstance(entry.learner, type):
+        _check_methods(name, entry.learner, 1)
+    return entry
 
 
 def _check_methods(name, learner, own):

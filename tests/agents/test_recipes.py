@@ -3,8 +3,8 @@
 import dataclasses
 import json
 import re
-import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import flax.linen as nn
 import jax
@@ -25,6 +25,7 @@ from jaxnav.agents import (
     register_learner,
 )
 from jaxnav.agents.encoders import find_encoder
+from jaxnav.agents.learner import find_learner
 from jaxnav.errors import UserError
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
@@ -36,28 +37,22 @@ RECIPES = Path(__file__).parents[2] / "docs" / "recipes"
 
 
 @pytest.fixture(autouse=True)
-def _own_registries(monkeypatch):
-    for registry in (ENCODERS, LEARNERS):
-        for name in list(registry):
-            monkeypatch.setitem(registry, name, registry[name])  # restored afterwards
+def _registries_without_odd_parts():
     yield
-    for registry, names in ((ENCODERS, ("sectors", "odd")), (LEARNERS, ("dqn", "odd"))):
-        for name in names:
-            registry.pop(name, None)
+    for registry in (ENCODERS, LEARNERS):
+        registry.pop("odd", None)
 
 
-def recipe(name):
-    text = (RECIPES / f"{name}.py").read_text()
-    return text.count("\n"), runpy.run_path(str(RECIPES / f"{name}.py"))
+def lines(name):
+    return (RECIPES / name).read_text().count("\n")
 
 
 def test_an_encoder_from_one_file_is_exported_with_its_twin(tmp_path):
     pytest.importorskip("torch")
-    lines, names = recipe("encoder")
-    assert lines <= 60
-    register_encoder(names["SECTORS"])
+    assert lines("encoder.py") <= 60
+    encoder = f"{RECIPES / 'encoder.py'}:SECTORS"
     base = preset("quick", "td3")
-    agent = dataclasses.replace(base.agent, encoder="sectors", encoder_widths=(8, 4), actor_widths=(16,))
+    agent = dataclasses.replace(base.agent, encoder=encoder, encoder_widths=(8, 4), actor_widths=(16,))
     params = base.world.params.replace(max_steps=8.0)
     world = dataclasses.replace(base.world, params=params, scenes=("square",), beams=12)
     run = Run(resolve(dataclasses.replace(base, agent=agent, world=world, out=str(tmp_path / "run"))))
@@ -73,21 +68,21 @@ def test_an_encoder_from_one_file_is_exported_with_its_twin(tmp_path):
     (tmp_path / "bundle" / "twin.py").unlink()
     with pytest.raises(UserError, match=r"twin\.py is missing"):
         verify(tmp_path / "bundle")
-    no_twin = dataclasses.replace(names["SECTORS"], twin=None)
-    ENCODERS["sectors"] = no_twin
-    with pytest.raises(UserError, match="'sectors' has no torch twin"):
-        write_bundle(run, actor, tmp_path / "other", {})
+    odd = register_encoder(dataclasses.replace(find_encoder(encoder), name="odd", twin=None))
+    agent = type(run.agent)(dataclasses.replace(run.agent.config, encoder=odd.name))
+    with pytest.raises(UserError, match="'odd' has no torch twin"):
+        write_bundle(SimpleNamespace(agent=agent), actor, tmp_path / "other", {})
     assert not (tmp_path / "other").exists()
 
 
 def test_a_learner_from_one_file_learns_the_twist_that_pays(blank_observation, random_batch):
-    lines, names = recipe("learner")
-    assert lines <= 80
-    record = register_learner(*(getattr(names["DQN"], field) for field in ("name", "learner", "config", "hyper")))
+    assert lines("learner.py") <= 80
+    record = find_learner(f"{RECIPES / 'learner.py'}:DQN")
+    twists = np.float32([(v, w) for v in (-1, 0, 1) for w in (-1, -0.5, 0, 0.5, 1)])
     agent = record.make(record.config(critic_widths=(16,)))
     hyper = record.hyper(lr=1e-2, discount=0.0)
     rng = np.random.default_rng(0)
-    twist = rng.choice(names["TWISTS"], 64)
+    twist = rng.choice(twists, 64)
     reward = np.float32(-100 * np.abs(twist - [0.0, 0.5]).sum(axis=-1))
     batch = random_batch(rng, (64,), observation=blank_observation(True, (64,)), twist=twist, reward=reward)
 
