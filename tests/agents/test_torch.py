@@ -263,10 +263,10 @@ def test_ppo_and_a2c(agent, longest, blank_observation, random_batch):
     def updated(key, batch):
         """The learner after an update, the twists that it has tried, and the rows of each minibatch."""
         tried = batch.replace(twist=agent.act(jax.random.key(3), before, batch.observation, hyper).twist)
-        keys, count = jax.random.split(key, agent.config.epochs), HORIZON * EPISODES
+        keys, count = jax.random.split(key, agent.epochs), HORIZON * EPISODES
         orders = jnp.concatenate([jax.random.permutation(one, count) for one in keys])
         after, _ = agent.update(key, before, tried, hyper, LR_SCALE)
-        return after, tried, orders.reshape(-1, count // agent.config.minibatches)
+        return after, tried, orders.reshape(-1, count // agent.minibatches)
 
     after, tried, orders = jax.device_get(updated(jax.random.key(2), batch))
     assert_moved(before, after, "actor", "averaged", "value")
