@@ -12,7 +12,7 @@ import pytest
 from experiments.tables import figure, methods, runs, table, table1, table2, table3, trajectories, tuning
 from jaxnav import statistics
 from jaxnav.training.config import preset
-from jaxnav.training.population import Trained
+from jaxnav.training.population import Trained, member
 from jaxnav.training.rollout import EpisodeSummary
 from jaxnav.world import Params
 
@@ -219,15 +219,37 @@ def test_a_training_is_timed_once_whoever_was_played_after_it(run, tmp_path):
     assert table.Table(options, table3.METHODS).train_seconds(timed) == 32.0
 
 
-def test_robots_that_are_really_trained_and_played(monkeypatch, tmp_path):
-    """In miniature, with nothing made up."""
+@pytest.fixture
+def small():
+    """A configuration in miniature."""
     base = preset("quick", "a2c")
-    small = dataclasses.replace(
+    return dataclasses.replace(
         base,
         world=dataclasses.replace(base.world, scenes=("square",), beams=16, params=Params(max_steps=40.0)),
         agent=dataclasses.replace(base.agent, actor_widths=(16,), critic_widths=(16,)),
         train=dataclasses.replace(base.train, episodes=8, steps_per_chunk=5, total_steps=10),
     )
+
+
+def test_kept_policies_are_players_of_their_method(small, tmp_path):
+    """Traced alone: nothing is compiled."""
+    programs = methods.Programs(small, 2)
+    start = jax.eval_shape(lambda: programs.population.start(range(2), small.hyper))
+    leaves = jax.tree.leaves(programs.agent.policy(start.learner))
+    np.savez(
+        tmp_path / "policies.npz", **{f"{i:03d}": np.zeros(leaf.shape, leaf.dtype) for i, leaf in enumerate(leaves)}
+    )
+    player = programs.player(member(programs.policies(tmp_path), 1), True)
+    world, params = programs.population.world, small.world.params
+    state = jax.eval_shape(world.reset, jax.random.key(0), params)
+    action = jax.eval_shape(lambda player, state: player(state, world, params), player, state)
+    assert (action.twist.shape, action.request.shape) == ((2,), ())
+
+
+def test_robots_that_are_really_trained_and_played(small, full, monkeypatch, tmp_path):
+    """In miniature, with nothing made up."""
+    if not full:
+        pytest.skip("compiles for a minute: pytest --full")
     monkeypatch.setattr(methods, "configuration", lambda method, scenes, env_steps: small)
     monkeypatch.setattr(methods, "GROUPS", (("square",),))
     monkeypatch.setattr(methods, "SCRIPTED", {})
