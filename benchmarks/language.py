@@ -12,7 +12,7 @@ import time
 import jax
 
 from jaxnav import Params, World
-from jaxnav.agents.hsac import HSAC, HSACConfig, HSACHyperparameters
+from jaxnav.agents import HSAC, HSACConfig, HSACHyperparameters
 from jaxnav.training.config import TrainConfig
 from jaxnav.training.loop import Trainer
 

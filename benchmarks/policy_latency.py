@@ -17,10 +17,9 @@ import tempfile
 from rich.console import Console
 from rich.table import Table
 
-sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "experiments"))
-import exported
-
-from jaxnav.agents.encoders import ENCODERS
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent))
+from experiments.exporting.single_states import untrained
+from jaxnav.agents import ENCODERS
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
 
@@ -71,7 +70,7 @@ def measure(bundle, python, seconds):
 
 def make(encoder, folder):
     """The bundle of an untrained policy that hears sentences."""
-    run, actor = exported.untrained(f"{encoder}, shared, phrases")
+    run, actor = untrained(f"{encoder}, shared, phrases")
     write_bundle(run, actor, folder, origin_of(run, "last", {}, None))
     return folder
 
