@@ -119,7 +119,7 @@ def evaluate(
     world, params = _where(policy, world, params, None)
     _check_fits(name, policy, world, params)
     result = evaluator_of(world, params).evaluate(policy, name, episodes, seed, phrases)
-    return result if policy.learner.vocabulary(phrases) is None else result | {"phrases": phrases}
+    return result | {"phrases": phrases} if policy.learner.can_hear else result
 
 
 def record(

@@ -75,7 +75,7 @@ class HSACHyperparameters:
 
 @struct.dataclass
 class HSACState:
-    """What training changes.
+    """The part that training changes.
 
     Attributes:
         actor: its parameters.

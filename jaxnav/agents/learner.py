@@ -1,4 +1,4 @@
-"""What a learner is, what it learns from, and the registry of learners.
+"""Learners: their protocol, the batches that they learn from, and their registry.
 
 A learner is a bundle of pure functions of explicit state. `register_learner` makes one known by a name.
 """
@@ -48,7 +48,7 @@ class Transition:
 
 @struct.dataclass
 class Batch:
-    """What an update learns from: `[batch, ...]` from replay, or `[horizon, episodes, ...]` of steps in a row.
+    """The transitions of an update: `[batch, ...]` from replay, or `[horizon, episodes, ...]` of steps in a row.
 
     Attributes:
         observation: before the step.
@@ -125,7 +125,8 @@ class Learner(Protocol):
     ) -> tuple[Any, dict[str, jax.Array]]:  # fmt: skip
         """(state, metrics) after learning from a batch.
 
-        lr_scale: multiplies every learning rate; step: how many updates came before.
+        lr_scale: multiplies every learning rate; step: how many updates came before. Of the metrics critic_loss,
+        actor_loss, q, and the entropies and temperatures that `HSAC` has, are drawn, where there are any.
         """
         ...
 

@@ -60,7 +60,7 @@ class PPOHyperparameters:
 
 @struct.dataclass
 class PPOState:
-    """What training changes.
+    """The part that training changes.
 
     Attributes:
         actor: its parameters.

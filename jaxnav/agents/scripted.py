@@ -1,10 +1,8 @@
 """Robots that follow a rule instead of a network: a straight line, ORCA, and a planner that uses the dialogue.
 
 They know the map, and of people what the scene gives. Where people have to be read from the scan they have an ideal
-tracker: position and velocity of whoever stands in front of the laser with no wall between.
+tracker: position and velocity of each person in front of the laser with no wall between.
 """
-
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,15 +42,17 @@ class OrcaRobot:
 
 @struct.dataclass
 class Planner:
-    """The best of some fifty short plans, judged by where people will be: what was said and agreed tells it.
+    """The best of some fifty short plans, judged by where people will be, as the dialogue tells it.
 
-    It asks as soon as it may, obeys, and knows the announced plan; who said nothing is expected to walk on as before.
+    It asks as soon as it may, obeys, and knows the announced plan; a silent person is expected to walk on as before.
 
-    hears, speaks: whether it uses what people say and makes requests, bool; without them it is deaf and muted.
+    Attributes:
+        hears: bool, whether it uses messages; without, it is deaf.
+        speaks: bool, whether it makes requests; without, it is muted.
     """
 
-    hears: Any = True
-    speaks: Any = True
+    hears: jax.Array | bool = True
+    speaks: jax.Array | bool = True
 
     def __call__(self, state: State, world: World, params: Params) -> Action:
         return _planned_action(self, state, world, params)
@@ -95,13 +95,13 @@ _PLANS = np.array(
 )
 
 
-def _planned_action(ability, state, world, params):
+def _planned_action(planner, state, world, params):
     robot, walls = state.robot, world.walls(state.scene)
     target_x, target_y = _local_goal(state, world, walls, params)
     direct = jnp.arctan2(target_y - robot.y, target_x - robot.x)
     tracked = _tracked(state, world, walls, params)
     path_x, path_y = jax.vmap(
-        lambda person, encounter: _expected_path(person, encounter, ability, state, world, params)
+        lambda person, encounter: _expected_path(person, encounter, planner, state, world, params)
     )(state.pedestrians, state.encounters)
 
     def cost(plan):
@@ -138,12 +138,12 @@ def _planned_action(ability, state, world, params):
     turn = jnp.clip(error / (params.max_w * params.dt), -1.0, 1.0)
     v = speed * jnp.maximum(jnp.cos(error), 0.0)
     return Action(
-        twist=jnp.stack([2.0 * v - 1.0, turn]), request=jnp.where(ability.speaks, _request(state, world, params), NONE)
+        twist=jnp.stack([2.0 * v - 1.0, turn]), request=jnp.where(planner.speaks, _request(state, world, params), NONE)
     )
 
 
 def _request(state, world, params):
-    """What to ask of the nearest who may be asked: to stop at a passage, else what fits."""
+    """The request to the nearest person who may be asked: to stop at a passage, elsewhere the one that fits."""
     askable = jax.vmap(may_request)(state.encounters)
     fits = jax.vmap(fitting_request, in_axes=(None, 0))(state.robot, state.pedestrians)
     nearest = jnp.argmin(jnp.where(askable, state.encounters.distance, jnp.inf))
@@ -152,15 +152,15 @@ def _request(state, world, params):
     return jnp.where(before_passage, STOP, fits[nearest])
 
 
-def _expected_path(person, encounter, ability, state, world, params):
+def _expected_path(person, encounter, planner, state, world, params):
     """(x, y) `[_HORIZON + 1]`: where a person is expected at each step, by what was said as far as it was heard."""
     time = params.dt * jnp.arange(_HORIZON + 1)
     speed = norm(person.vx, person.vy)
     ux, uy = unit(person.vx, person.vy)
-    message = jnp.where(ability.hears & encounter.is_open, encounter.message, NONE)
+    message = jnp.where(planner.hears & encounter.is_open, encounter.message, NONE)
     request = jnp.where(encounter.is_open & (encounter.reply != REFUSES), encounter.request, NONE)
 
-    # Who said nothing walks on as before; who announced a side, along its line and to that side of it.
+    # A silent person walks on as before; one that announced a side, along its line and to that side of it.
     aside = 0.5 * (params.passing_clearance + params.robot_radius + params.body_radius)
     wanted = jnp.where(message == LEFT, aside, jnp.where(message == RIGHT, -aside, 0.0))
     offset = encounter.ux * (person.y - encounter.y) - encounter.uy * (person.x - encounter.x)
@@ -169,7 +169,7 @@ def _expected_path(person, encounter, ability, state, world, params):
     along_y = jnp.where(message == NONE, person.vy, encounter.uy * params.preferred_speed)
     x, y = person.x + along_x * time - shift * encounter.uy, person.y + along_y * time + shift * encounter.ux
 
-    # Who is still to come through the passage goes there first, and then on along the arm in which the robot is.
+    # A person that is still to come through the passage goes there first, then on along the arm in which the robot is.
     door_x, door_y = _passage(state, world)
     from_x, from_y = state.robot.x - door_x, state.robot.y - door_y
     sideways = jnp.abs(from_x) > jnp.abs(from_y)
@@ -183,7 +183,7 @@ def _expected_path(person, encounter, ability, state, world, params):
     through_y = person.y + before * in_y + after * on_y + aside_by * on_x
     x, y = jnp.where(person.turned, x, through_x), jnp.where(person.turned, y, through_y)
 
-    # Who agreed, or has not answered yet, stands, or makes way within a second and then walks on beside its line.
+    # A person that agreed, or hasn't answered yet, stands, or makes way within a second and then walks on beside its line.
     turn = jnp.where(request == LEFT, jnp.pi / 4, -jnp.pi / 4)
     heading = jnp.arctan2(encounter.uy, encounter.ux) + turn
     first = jnp.minimum(time, 1.0)

@@ -46,7 +46,7 @@ class TD3Hyperparameters:
 
 @struct.dataclass
 class TD3State:
-    """What training changes.
+    """The part that training changes.
 
     Attributes:
         actor: its parameters.

@@ -53,7 +53,7 @@ def command(arguments):
     policy = run.policy(options.policy)
     with Console(stderr=True).status("evaluating"):
         result = run.evaluator.evaluate(policy, options.policy, options.episodes, options.seed, options.phrases)
-    if run.agent.vocabulary(options.phrases) is not None:
+    if run.agent.can_hear:
         result["phrases"] = options.phrases
     if options.scene != "all":
         result["scenes"] = {options.scene: result["scenes"][options.scene]}

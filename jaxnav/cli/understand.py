@@ -54,7 +54,7 @@ def open_hearing(folder, policy):
     from ..training.run import Run
 
     run = Run.open(folder)
-    if run.agent.vocabulary("test") is None or not run.config.world.hearing:
+    if not run.agent.can_hear or not run.config.world.hearing:
         raise UserError(
             f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
         )

@@ -108,7 +108,7 @@ class Run:
 
     def _embeddings(self):
         """The fingerprint of the table of embeddings that it hears; None if it hears codes."""
-        return None if self.agent.vocabulary("train") is None else default_table().fingerprint
+        return default_table().fingerprint if self.agent.can_hear else None
 
     def prepare_folder(self) -> None:
         """Make the run's folder, or check that it holds the run to resume.

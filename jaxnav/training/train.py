@@ -100,7 +100,7 @@ def _line(run: Run, metrics: dict[str, Any], counter: int) -> dict[str, Any]:
 
 
 def _check_finite(run: Run, metrics: dict[str, Any], counter: int, saved: int | None) -> None:
-    broken = [name for name in ("critic_loss", "actor_loss", "q") if not np.isfinite(metrics[name])]
+    broken = [name for name in ("critic_loss", "actor_loss", "q") if not np.isfinite(metrics.get(name, 0.0))]
     if not metrics.pop("finite"):
         broken = broken or ["the learner"]
     if broken:
