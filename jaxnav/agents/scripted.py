@@ -183,7 +183,7 @@ def _expected_path(person, encounter, planner, state, world, params):
     through_y = person.y + before * in_y + after * on_y + aside_by * on_x
     x, y = jnp.where(person.turned, x, through_x), jnp.where(person.turned, y, through_y)
 
-    # A person that agreed, or hasn't answered yet, stands, or makes way within a second and then walks on beside its line.
+    # A person that agreed, or hasn't answered, stands, or makes way within a second and then walks beside its line.
     turn = jnp.where(request == LEFT, jnp.pi / 4, -jnp.pi / 4)
     heading = jnp.arctan2(encounter.uy, encounter.ux) + turn
     first = jnp.minimum(time, 1.0)
