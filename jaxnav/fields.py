@@ -178,15 +178,20 @@ def rows(cls: type, prefix: str = "") -> Iterator[tuple[str, Any, Rule]]:
 
 def _field(default: Any, rule: Rule) -> Any:
     unit = f"{rule.unit}; " if rule.unit else ""
-    return dataclasses.field(default=default, metadata={_RULE: rule, "help": f"{rule.doc} ({unit}{rule.allowed})"})
+    shown = rule.doc if isinstance(default, bool) else f"{rule.doc} ({unit}{rule.allowed})"
+    return dataclasses.field(default=default, metadata={_RULE: rule, "help": shown})
 
 
 def _list(options: Sequence[Any]) -> str:
     return ", ".join(map(str, options))
 
 
+def _short(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
+
+
 def _limits(low=None, high=None, above=None, below=None) -> str:
     if low is not None and high is not None:
-        return f"from {low:g} to {high:g}"
+        return f"from {_short(low)} to {_short(high)}"
     limits = (("of at least", low), ("of at most", high), ("above", above), ("below", below))
-    return " and ".join(f"{word} {value:g}" for word, value in limits if value is not None)
+    return " and ".join(f"{word} {_short(value)}" for word, value in limits if value is not None)

@@ -8,17 +8,23 @@ import dataclasses
 import functools
 import hashlib
 import importlib.util
+import itertools
 import pathlib
 import shutil
 import sys
 import traceback
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from .errors import UserError
 
 _Config = TypeVar("_Config")
+
+
+class Changed(UserError):
+    """A run's copy of a file is no longer the one it was trained with."""
+
 
 FOLDER = "sources"  # of a run, for its copies
 # Fields of a run's configuration that may name parts in files, and the kinds of parts.
@@ -93,13 +99,15 @@ def described(config: _Config) -> tuple[_Config, dict[str, str]]:
 def check(config: _Config, hashes: dict[str, str], folder: str | pathlib.Path) -> _Config:
     """``config`` as `keep` stored it, with names that lead to the copies in ``folder``.
 
-    UserError: a copy is missing or has changed since.
+    Changed: a copy is missing or has changed since.
     """
     folder = pathlib.Path(folder)
     for name, digest in hashes.items():
         path = folder / FOLDER / name
-        if _sha256(_read(path, f"{path}, which the run was trained with,")) != digest:
-            raise UserError(
+        if not path.exists():
+            raise Changed(f"{path}, with which the run was trained, is missing: put it back, or train anew")
+        if _sha256(_read(path, str(path))) != digest:
+            raise Changed(
                 f"{path} has changed since the run was trained: undo the change, or train anew with another --out"
             )
     return _renamed(config, lambda path: str(folder / path))
@@ -175,11 +183,11 @@ def _sha256(data: bytes) -> str:
 def _names(config: Any) -> Iterator[str]:
     """The names of parts in files that a configuration has."""
     for field in FIELDS:
-        value = functools.reduce(getattr, field.split("."), config)
+        value = functools.reduce(_get, field.split("."), config)
         yield from (name for name in ((value,) if isinstance(value, str) else value) if is_file(name))
 
 
-def _renamed(config: Any, rename: Any) -> Any:
+def _renamed(config: Any, rename: Callable[[pathlib.Path], str]) -> Any:
     """``config`` with the path of each part in a file replaced by ``rename(path)``."""
 
     def renamed(name):
@@ -188,14 +196,16 @@ def _renamed(config: Any, rename: Any) -> Any:
 
     for field in FIELDS:
         *groups, last = field.split(".")
-        owners = [config]
-        for group in groups:
-            owners.append(getattr(owners[-1], group))
-        value = getattr(owners[-1], last)
-        new = renamed(value) if isinstance(value, str) else tuple(map(renamed, value))
+        owners = list(itertools.accumulate(groups, _get, initial=config))
+        value = _get(owners[-1], last)
+        new = renamed(value) if isinstance(value, str) else type(value)(map(renamed, value))
         if new == value:
             continue
         for owner, name in zip(reversed(owners), reversed([*groups, last]), strict=True):
-            new = dataclasses.replace(owner, **{name: new})
+            new = owner | {name: new} if isinstance(owner, dict) else dataclasses.replace(owner, **{name: new})
         config = new
     return config
+
+
+def _get(owner: Any, name: str) -> Any:
+    return owner[name] if isinstance(owner, dict) else getattr(owner, name)

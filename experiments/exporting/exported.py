@@ -74,7 +74,7 @@ def configuration(options, suite):
     """The `RunConfig` of preset quick on a suite."""
     base, folder = preset("quick"), options.runs / suite
     return resolve(
-        dataclasses.replace(base, scene=SUITES[suite], out=str(folder), resume=(folder / "config.json").exists())
+        dataclasses.replace(base.of_scenes(SUITES[suite]), out=str(folder), resume=(folder / "config.json").exists())
     )
 
 

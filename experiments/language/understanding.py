@@ -19,7 +19,7 @@ from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.language.vocabulary import vocabulary
 from jaxnav.statistics import packed, wilson_interval
-from jaxnav.training.config import PRESETS, TrainConfig, resolve
+from jaxnav.training.config import TrainConfig, preset, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.world import SUITES
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT
@@ -91,13 +91,13 @@ def plays(options, suite, robot, seed):
 
 def configuration(options, suite, robot, seed):
     """The `RunConfig` of a robot."""
-    base, folder = PRESETS["quick"], options.runs / f"{suite}-{robot}-{seed}"
+    base, folder = preset("quick", scenes=suite), options.runs / f"{suite}-{robot}-{seed}"
     agent, world = base.agent, base.world
     if robot == "deaf":
         agent, world = dataclasses.replace(agent, language="codes"), dataclasses.replace(world, hearing=False)
     return resolve(
         dataclasses.replace(
-            base, scene="all" if suite == "parity" else suite, seed=seed, out=str(folder), agent=agent, world=world,
+            base, seed=seed, out=str(folder), agent=agent, world=world,
             resume=(folder / "config.json").exists(), train=dataclasses.replace(base.train, total_steps=options.steps),
         )
     )  # fmt: skip

@@ -3,13 +3,11 @@
 jaxnav sweep experiments/sweeps/hard.py
 """
 
-import dataclasses
-
 from jaxnav.sweep import Guard, Range, Sweep
 from jaxnav.training.config import preset
 
 sweep = Sweep(
-    base=dataclasses.replace(preset("quick"), scene="hard"),
+    base=preset("quick", scenes="hard"),
     space={
         "hyper.actor_lr": Range(2e-4, 4e-3, log=True),
         "hyper.critic_lr": Range(2e-4, 4e-3, log=True),

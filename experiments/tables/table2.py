@@ -6,8 +6,8 @@ python -m experiments.tables.table2 --help
 import dataclasses
 
 from experiments.tables import table
+from jaxnav.agents import LEARNERS
 from jaxnav.errors import UserError
-from jaxnav.training.config import ALGORITHMS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Options(table.Options):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.algo not in ALGORITHMS:
+        if self.algo not in LEARNERS:
             raise UserError(f"--algo {self.algo!r} is unknown: choose hsac")
         if self.algo != "hsac":
             raise UserError(f"--algo is {self.algo}: it emits no requests, and Table II compares requests; choose hsac")

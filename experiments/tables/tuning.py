@@ -11,7 +11,8 @@ import numpy as np
 
 from experiments import study
 from experiments.tables import methods
-from jaxnav.training.config import ALGORITHMS, make_agent, preset, resolve
+from jaxnav.agents import LEARNERS
+from jaxnav.training.config import make_agent, preset, resolve
 from jaxnav.training.dataclass_json import to_json
 from jaxnav.training.evaluation import VALIDATION_SEED, Evaluator
 from jaxnav.training.policy import Policy
@@ -133,7 +134,7 @@ def run(options: Options) -> dict:
     """Tune what has not been tuned yet, and write both files."""
     identity = {"trials": options.trials, "seed": options.seed, "scenes": list(SCENES), "steps": STEPS}
     begun = study.Study(
-        PROGRAM, options.out, identity, ALGORITHMS, lambda algo: to_json(configuration(algo)), field="algorithms"
+        PROGRAM, options.out, identity, LEARNERS, lambda algo: to_json(configuration(algo)), field="algorithms"
     )
     for algo in begun.missing():
         begun.add(algo, tune(algo, options, study.console()))

@@ -22,6 +22,8 @@ class _TrainOptions(Generic[_Config]):
 
     Args:
         config: the run.
+        scene: where to train and evaluate: all (square, hallway, crosswalk), hard, hard-laser, a scene, the yaml file
+            of a ROS map, file.py:NAME, or several of these separated by commas; with the people who walk there.
         devices: 1, 2, 4 or 8, on which episodes and batches lie in 8 shards: the numbers are those of any other count.
             0: not parted, on one device.
         distributed: be one of several processes, whose devices count together, as Slurm or Kubernetes say, or
@@ -30,6 +32,7 @@ class _TrainOptions(Generic[_Config]):
     """
 
     config: Annotated[_Config, tyro.conf.arg(name="")]
+    scene: str = ""
     devices: int = 0
     distributed: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     from_sweep: str = ""
@@ -37,7 +40,7 @@ class _TrainOptions(Generic[_Config]):
 
 def command(arguments):
     from ..api import train
-    from ..training.config import preset, resolve, scene_names
+    from ..training.config import preset, resolve
 
     folder = value_of(arguments, "--from-sweep")
     if folder is not None:
@@ -49,7 +52,9 @@ def command(arguments):
     scene = value_of(arguments, "--scene")
     if scene is not None:
         # The people of a scene are the defaults of --world.params, which the command line may still change.
-        default = dataclasses.replace(default, scene=scene, world=default.world.of_scenes(scene_names(scene)))
+        default = default.of_scenes(scene)
+        if value_of(arguments, "--world.scenes") is not None:
+            raise UserError(f"--scene is {scene} beside --world.scenes: give one of the two")
     options = parse(
         _TrainOptions[type(default)], arguments, "train", "Train a robot.", default=_TrainOptions(config=default)
     )
@@ -100,7 +105,7 @@ def _winner(folder, arguments):
 
 def _check_algorithm(arguments, algo):
     """UserError: an option that other algorithms have, and this one hasn't."""
-    from ..training.config import ALGORITHMS
+    from ..agents import LEARNERS
 
     for argument in arguments:
         option = argument.partition("=")[0]
@@ -110,8 +115,9 @@ def _check_algorithm(arguments, algo):
         field = name.replace("-", "_")
         having = [
             other
-            for other, (_, config) in ALGORITHMS.items()
-            if {field, field.removeprefix("no_")} & {f.name for f in dataclasses.fields(getattr(config(), part))}
+            for other, learner in LEARNERS.items()
+            if {field, field.removeprefix("no_")}
+            & {f.name for f in dataclasses.fields(learner.config if part == "agent" else learner.hyper)}
         ]
         if having and algo not in having:
             raise UserError(f"{option}: {algo} has no such option; leave it out, or give --algo {' or '.join(having)}")

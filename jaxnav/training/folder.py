@@ -27,8 +27,8 @@ class RunFolder:
         except (FileNotFoundError, NotADirectoryError):
             raise UserError(f"{self.path} holds no run: there is no {self.config_path}") from None
 
-    def create(self, stored: dict[str, Any]) -> None:
-        """Make the folder of a new run, with ``stored`` as config.json. UserError: it holds something, or can't be."""
+    def create(self) -> None:
+        """Make the folder of a new run. UserError: it holds something, or can't be made."""
         if self.path.exists() and not self.path.is_dir():
             raise UserError(f"--out {self.path} is a file: give a folder")
         if self.path.exists() and any(self.path.iterdir()):
@@ -39,6 +39,9 @@ class RunFolder:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(f"--out {self.path} can't be made ({error.strerror}): give another --out") from error
+
+    def write_config(self, stored: dict[str, Any]) -> None:
+        """Write config.json, the last file of a new run."""
         write_json(self.config_path, stored)
 
     def metrics(self) -> list[dict[str, Any]]:

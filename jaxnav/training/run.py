@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from .. import plugins
 from ..errors import UserError
 from ..language.table import default_table
 from ..world import Params
@@ -78,11 +79,14 @@ class Run:
         )
         self.evaluator = Evaluator(self.world, self.params)
         self.hyper = jax.tree.map(jnp.float32, config.hyper)
-        compared = to_json(config)
+        named, sources = plugins.described(config)
+        compared = to_json(named)
         for *path, name in (field.split(".") for field in _FREE_FIELDS):
             functools.reduce(dict.get, path, compared).pop(name)
         if layout.shards > 1:  # runs from before there were any have one
             compared["shards"] = layout.shards
+        if sources:
+            compared["sources"] = sources
         self._compared = compared
 
     @classmethod
@@ -95,8 +99,11 @@ class Run:
         except (OSError, ValueError) as error:
             raise _unreadable(files, error) from error
         try:
-            config = resolve(dataclasses.replace(run_from_json(stored["config"]), out=str(folder)))
+            named = plugins.check(stored["config"], stored.get("sources", {}), folder)
+            config = resolve(dataclasses.replace(run_from_json(named), out=str(folder)))
             run = cls(config, Layout(stored.get("shards", 1)))
+        except plugins.Changed:
+            raise
         except (UserError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise _unreadable(files, error) from error
         if stored.get("embeddings") != run._embeddings():
@@ -121,8 +128,10 @@ class Run:
                     self._check_resumable()
                 check_memory(self.config, self.trainer.bytes_per_transition, self.layout.share_in_memory)
                 if not self.config.resume:
-                    stored = {"config": to_json(self.config), "shards": self.layout.shards}
-                    self.files.create(stored | {"embeddings": self._embeddings()} | provenance())
+                    self.files.create()
+                    named, sources = plugins.keep(self.config, self.folder)
+                    stored = {"config": to_json(named), "sources": sources, "shards": self.layout.shards}
+                    self.files.write_config(stored | {"embeddings": self._embeddings()} | provenance())
 
     def _check_resumable(self):
         if not self.files.config_path.exists():

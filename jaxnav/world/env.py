@@ -72,6 +72,7 @@ class World:
                 placement.check_starts(scene, config.pedestrians)
         model = choose_people(config) if people is None else people
         check_model(model)
+        self._model = model
         self.people = model.prepare(config, self.scenes)
         self._wall_table = pad_walls([walls_from_chains(scene.chains) for scene in self.scenes])
         # Only a floor plan of its own looks walls up by cell; beside other scenes it tests all of them.
@@ -93,8 +94,8 @@ class World:
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), self._wall_table).replace(cells=self._cells)
 
     def _key(self):
-        # What two worlds have to share to be the same: then what was compiled for one serves the other.
-        return self.config, tuple(id(part) for part in (*self.scenes, self._reward))
+        # Whatever two worlds have to share to be the same: then what was compiled for one serves the other.
+        return self.config, tuple(id(scene) for scene in self.scenes), id(self._model), id(self._reward)
 
     def __eq__(self, other):
         return isinstance(other, World) and self._key() == other._key()

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxnav import Params, World, WorldConfig
+from jaxnav.agents import LEARNERS
 from jaxnav.agents.encoders import ENCODERS, GRID_PARTS, GridEncoder
 from jaxnav.agents.features import approach_features
 from jaxnav.agents.networks import message_codes
-from jaxnav.training.config import ALGORITHMS, TrainConfig, make_agent, preset, resolve
+from jaxnav.training.config import TrainConfig, make_agent, preset, resolve
 from jaxnav.training.loop import Trainer
 
 SMALL = {"channels_1": 3, "channels_2": 5, "channels_3": 6, "features": 16, "dialogue": 4}
@@ -144,7 +145,7 @@ def test_who_is_not_in_sight_approaches_nobody():
 
 
 @pytest.mark.parametrize("encoder", ENCODERS)
-@pytest.mark.parametrize("algo", ALGORITHMS)
+@pytest.mark.parametrize("algo", LEARNERS)
 def test_any_learner_takes_any_encoder(algo, encoder):
     """Traced, not run: shapes and types of a chunk's result are those of its beginning, so that it goes on."""
     base = preset("quick" if encoder.startswith("lidar") else encoder, algo)

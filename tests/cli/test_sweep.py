@@ -93,7 +93,7 @@ def test_a_winner_becomes_a_run(tmp_path, file, capsys, made_up_engine):
     config = winner(folder)
     assert config.hyper.actor_lr == best["hyper.actor_lr"]
     assert config.world.params.reward_request == best["world.params.reward_request"]
-    assert config.agent == SWEEP.base.agent and config.scene == "square"
+    assert config.agent == SWEEP.base.agent and config.world.scenes == ("square",)
     assert dataclasses.replace(config.train, checkpoint_seconds=0.0) == SWEEP.base.train
     code, _, error = call(capsys, "train", "--from-sweep", folder, "--hyper.tau", "2", "--out", tmp_path / "run")
     assert code == 2 and error.startswith("error: hyper.tau is 2.0")

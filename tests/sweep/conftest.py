@@ -13,8 +13,7 @@ from jaxnav.world import Params
 
 # Of seconds: 4 chunks of 5 steps of 16 episodes in the square.
 TINY = HSACRunConfig(
-    scene="square",
-    world=WorldSettings(beams=16, params=Params(max_steps=12.0)),
+    world=WorldSettings(scenes=("square",), beams=16, params=Params(max_steps=12.0)),
     agent=HSACConfig(actor_widths=(16,), critic_widths=(16,), batch=32, updates_per_step=2),
     train=TrainConfig(episodes=16, replay_rows=20, steps_per_chunk=5, total_steps=20, checkpoint_seconds=0.0),
 )

@@ -18,7 +18,7 @@ from jaxnav.errors import UserError
 from jaxnav.sweep import Guard, Range, Sweep, progress, report
 from jaxnav.sweep.importance import LEAST
 from jaxnav.sweep.page import markdown
-from jaxnav.training.config import PRESETS
+from jaxnav.training.config import preset
 
 from .made_up import FLOATS, at, curve, identity, results, searched, trial, whole
 
@@ -464,7 +464,7 @@ def test_objectives_that_are_not_finite_count_for_nothing():
 def test_it_reads_what_a_sweep_says_of_itself():
     names = {"hyper.tau": Range(0.001, 0.05, log=True), "world.params.reward_collision": Range(-50.0, -5.0)}
     sweep = Sweep(
-        base=PRESETS["quick"], space=names, sizes={"agent.actor_widths": ((64, 64), (128, 128))}, guard=Guard()
+        base=preset("quick"), space=names, sizes={"agent.actor_widths": ((64, 64), (128, 128))}, guard=Guard()
     )
     known = sweep.identity()
     values = sweep.base_values() or {}

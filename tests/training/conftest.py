@@ -13,7 +13,7 @@ from jaxnav.agents.a2c import A2CConfig
 from jaxnav.agents.hsac import HSACConfig
 from jaxnav.agents.scripted import StraightLine
 from jaxnav.training import evaluation
-from jaxnav.training.config import ALGORITHMS, TrainConfig, WorldSettings, resolve
+from jaxnav.training.config import TrainConfig, WorldSettings, resolve, run_class
 from jaxnav.training.policy import Policy
 from jaxnav.training.rollout import Either, record
 from jaxnav.training.run import Run
@@ -36,10 +36,9 @@ def tiny(out="", algo="hsac", **train):
     if algo == "a2c":
         agent = A2CConfig(actor_widths=(16,), critic_widths=(16,), horizon=5)
     return resolve(
-        ALGORITHMS[algo][1](
-            scene="square",
+        run_class(algo)(
             out=str(out),
-            world=WorldSettings(beams=16, params=Params(max_steps=12.0)),
+            world=WorldSettings(scenes=("square",), beams=16, params=Params(max_steps=12.0)),
             agent=agent,
             train=TrainConfig(**sizes | train),
         )

@@ -16,7 +16,7 @@ NAN = float("nan")
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_are_named_and_survive_json(name):
-    config = resolve(PRESETS[name])
+    config = resolve(preset(name))
     assert config.preset == name
     assert config.out == f"runs/{name}-0"
     assert from_json(HSACRunConfig, json.loads(json.dumps(to_json(config)))) == config
@@ -27,14 +27,16 @@ def test_scenes_of_a_suite_bring_their_people():
     assert resolve(HSACRunConfig(world=some)).world.params == default_params(("narrow",))
     slow = dataclasses.replace(some, params=Params(preferred_speed=0.9))
     assert resolve(HSACRunConfig(world=slow)).world.params.preferred_speed == 0.9
-    with pytest.raises(UserError, match=r"world.scenes is narrow doorway beside --scene hard: give one of the two"):
-        resolve(HSACRunConfig(scene="hard", world=some))
-    again = resolve(HSACRunConfig(scene="hard"))
-    assert resolve(again) == again
+    again = resolve(preset("quick", scenes="hard"))
+    assert resolve(again) == again and again.world.params == default_params(("narrow",))
+    back = again.of_scenes("hallway,crosswalk")
+    assert back.world.scenes == ("hallway", "crosswalk") and back.world.params == Params()
+    with pytest.raises(UserError, match=r"^world\.scenes mixes square and narrow"):
+        preset("quick", scenes="square,narrow")
 
 
 def test_one_scene_becomes_the_only_scene_of_the_world():
-    assert resolve(HSACRunConfig(scene="hallway")).world.scenes == ("hallway",)
+    assert resolve(preset("quick", scenes="hallway")).world.scenes == ("hallway",)
     assert resolve(HSACRunConfig()).world.scenes == ("square", "hallway", "crosswalk")
     assert isinstance(resolve(HSACRunConfig()).world.world(), World)
 
@@ -86,7 +88,6 @@ def run_config(**fields):
     ("name", "value", "field"),
     [
         ("algo", "dreamer", "algo"),
-        ("scene", "moon", "scene"),
         ("seed", -1, "seed"),
         ("seed", 2**32, "seed"),
         ("world__scenes", ("square", "moon"), "scene"),

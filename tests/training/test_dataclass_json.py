@@ -12,7 +12,7 @@ from jaxnav.world import Params
 
 def test_every_field_survives_json():
     config = HSACRunConfig(
-        scene="hallway", seed=7, world=WorldSettings(beams=31, hearing=False, params=Params(compliance=0.25)),
+        seed=7, world=WorldSettings(scenes=("hallway",), beams=31, hearing=False, params=Params(compliance=0.25)),
         agent=HSACConfig(critic_widths=(3, 5)), hyper=HSACHyperparameters(tau=0.5), train=TrainConfig(episodes=3),
     )  # fmt: skip
     again = from_json(HSACRunConfig, json.loads(json.dumps(to_json(config))))

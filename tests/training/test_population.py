@@ -20,7 +20,7 @@ MEMBERS = [{}, {"actor_lr": 3e-4}, {"critic_lr": 3e-3}, {"discount": 0.5}]
 def population(tiny):
     config = tiny()
     world = dataclasses.replace(config.world, scenes=("square", "hallway"))
-    config = resolve(dataclasses.replace(config, scene="all", world=world))
+    config = resolve(dataclasses.replace(config, world=world))
     return Population(config, make_agent(config), len(SEEDS))
 
 
