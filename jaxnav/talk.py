@@ -4,6 +4,8 @@ import collections
 import functools
 import itertools
 import math
+import pathlib
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,11 +15,13 @@ from .agents.networks import message_codes
 from .errors import UserError
 from .language import dialogue_rules
 from .language.dialogue_rules import RULES
+from .language.interpreter import LanguageModelInterpreter, PolicyInterpreter, Understood
 from .language.sides import clean
-from .language.speaker import REPEAT, Context
+from .language.speaker import REPEAT, Context, LanguageModelSpeaker, TemplateSpeaker
 from .training.evaluation import episode_keys
+from .training.policy import Policy
 from .training.rollout import Episode
-from .world import dialogue, sensing
+from .world import Outcome, State, dialogue, sensing
 from .world.types import AGREES, NONE, REPLIES, STOP
 
 _NEVER = 1_000_000  # steps after which a pedestrian would answer by itself
@@ -26,37 +30,50 @@ _STAND = np.array([-1.0, 0.0], np.float32)
 
 
 class Conversation:
-    """An episode of a run's policy in which nobody speaks but its user.
+    """An episode of a policy in which nobody speaks but its user.
 
+    policy: one that hears sentences; scene: index of a scene of its world; seed: of the episode.
     interpreter, speaker: see `jaxnav.language`; language models are asked without waiting, so that no step is late for
     words. `hear` runs the sentence encoder, `step` never does.
     """
 
-    def __init__(self, run, actor, scene, seed, interpreter, speaker):
-        self._world, self._agent, self._actor = run.world, run.agent, actor
+    def __init__(
+        self,
+        policy: Policy,
+        scene: int,
+        seed: int,
+        interpreter: PolicyInterpreter | LanguageModelInterpreter,
+        speaker: TemplateSpeaker | LanguageModelSpeaker,
+    ) -> None:
+        world = policy.world
+        self._policy = policy
         self._interpreter, self._speaker = interpreter, speaker
         # Chance says nothing here: people speak when the user does.
-        self.params = run.params.replace(p_pedestrian_first=0.0, small_talk=0.0)
-        self.scene = run.world.scenes[scene]
+        self.params = policy.params.replace(p_pedestrian_first=0.0, small_talk=0.0)
+        self.scene = world.scenes[scene]
         key_reset, self._key = jax.random.split(episode_keys(seed, jnp.arange(1))[0])
-        state = jax.jit(run.world.reset)(key_reset, self.params, jnp.int32(scene))
+        state = jax.jit(world.reset)(key_reset, self.params, jnp.int32(scene))
         self.state = state.replace(
             traits=state.traits.replace(reply_delay=jnp.full_like(state.traits.reply_delay, _NEVER))
         )
-        self._states, self._outcomes, self._speech = [self.state], [], [[]]
-        self._heard = np.zeros((run.world.config.pedestrians, 3), np.float32)
-        self._listening, self._speaking = collections.deque(), collections.deque()
+        self._states: list[State] = [self.state]
+        self._outcomes: list[Outcome] = []
+        self._speech: list[list[tuple[str, str]]] = [[]]
+        self._heard = np.zeros((world.config.pedestrians, 3), np.float32)
+        self._listening: collections.deque[Any] = collections.deque()
+        self._speaking: collections.deque[Any] = collections.deque()
         self._careful = 0
-        self.said = []  # (seconds, speaker, sentence) of everything; of what was understood, speaker is "understood"
-        self.understood = None  # what was understood last
+        # (seconds, speaker, sentence) of everything; of what was understood, speaker is "understood".
+        self.said: list[tuple[float, str, str]] = []
+        self.understood: Understood | None = None  # what was understood last
 
     @property
-    def seconds(self):
+    def seconds(self) -> float:
         """Time since the start."""
         return len(self._outcomes) * float(self.params.dt)
 
     @property
-    def ended(self):
+    def ended(self) -> str:
         """How it ended: arrived, collision, time out, or "" while it goes on."""
         if self._outcomes:
             last = self._outcomes[-1]
@@ -65,24 +82,24 @@ class Conversation:
                     return word
         return ""
 
-    def hear(self, text):
+    def hear(self, text: str) -> None:
         """The pedestrian says ``text``: the robot begins to think about it."""
         self._say("pedestrian", clean(text))
         self._listening.append(self._interpreter.begin(text))
 
-    def step(self):
+    def step(self) -> None:
         """One control step of ``params.dt``; what is understood or ready to be said by now counts in it."""
         while self._listening and (found := self._listening[0].take()) is not None:
             self._listening.popleft()
             self._take_in(found)
-        action = _answer(self._world, self._agent, self._actor, self.state, self._heard, self.params)
+        action = _answer(self._policy, self.state, self._heard, self.params)
         if self._careful:
             self._careful -= 1
             action = action.replace(twist=action.twist.at[0].min(_CAREFUL))
         if self._stands():
             action = action.replace(twist=_STAND)
         self._key, key = jax.random.split(self._key)
-        self.state, outcome = _step(self._world, key, self.state, action, self.params)
+        self.state, outcome = _step(self._policy.world, key, self.state, action, self.params)
         outcome = jax.device_get(outcome)
         if outcome.requested != NONE:
             self._begin(Context(int(outcome.requested)))
@@ -93,14 +110,14 @@ class Conversation:
         self._outcomes.append(outcome)
         self._speech.append(self._lines())
 
-    def finish_speaking(self):
+    def finish_speaking(self) -> None:
         """Wait for a sentence that is still being found; at most the time limit of a language model."""
         while self._speaking:
             self._speaking[0].wait()
             self._utter()
         self._speech[-1] = self._lines()
 
-    def episode(self):
+    def episode(self) -> Episode:
         """What has happened so far, to be drawn. UserError: nothing has."""
         if not self._outcomes:
             raise UserError("nothing has happened yet: there is no episode to draw")
@@ -191,12 +208,12 @@ class Conversation:
         return lines
 
 
-def message_of(message):
+def message_of(message: int) -> np.ndarray:
     """S_c `[3]` of a message that is certain."""
     return np.eye(4, dtype=np.float32)[message, 1:]
 
 
-def describe(found):
+def describe(found: Understood) -> str:
     """What was understood, for people: "stop (0.98)"."""
     replied = dialogue_rules.is_reply(found.reply_confidence, RULES)
     if found.unsure:
@@ -205,7 +222,7 @@ def describe(found):
     return f"{found.name} ({found.confidence:.2f}){reply}"
 
 
-def read_script(path):
+def read_script(path: pathlib.Path) -> list[tuple[float, str]]:
     """[(seconds, sentence)] in order of time, of lines like "2.0 I'm in a hurry"; # begins a comment.
 
     UserError names file, line and remedy.
@@ -235,7 +252,7 @@ def read_script(path):
     return sorted(script, key=lambda line: line[0])  # what is said at one time stays in its order
 
 
-def scene_map(conversation, columns=64):
+def scene_map(conversation: Conversation, columns: int = 64) -> str:
     """The scene from above in characters: # walls, R the robot, > where it heads, P people, G the goal."""
     points = np.concatenate([np.array(chain) for chain in conversation.scene.chains])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -267,13 +284,14 @@ def scene_map(conversation, columns=64):
     return "\n".join("".join(row).rstrip() for row in canvas)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def _answer(world, agent, actor, state, heard, params):
+@jax.jit
+def _answer(policy, state, heard, params):
+    world = policy.world
     observation = world.observe(state, params)
     snapshot = world.snapshot(state)
     order = sensing.nearest_first(snapshot.pedestrians, snapshot, world.config)
     spoke = message_codes(observation.dialogue).any(axis=-1, keepdims=True)
-    return agent.answer(actor, observation, jnp.where(spoke, heard[order], 0.0))
+    return policy.learner.answer(policy.parameters, observation, jnp.where(spoke, heard[order], 0.0))
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -1,6 +1,5 @@
 """A conversation in a live episode, with ears that understand what the test says they do."""
 
-import types
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from jaxnav.language.interpreter import Understood, nothing
 from jaxnav.language.llm import Answered
 from jaxnav.language.speaker import TemplateSpeaker
 from jaxnav.talk import Conversation, describe, message_of, read_script, scene_map
+from jaxnav.training.policy import Policy
 from jaxnav.world import Action, Params, World, WorldConfig
 from jaxnav.world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
 
@@ -57,8 +57,8 @@ def world():
 @pytest.fixture
 def talk(world):
     def start(agent=Driver, scene=0, seed=1):
-        run = types.SimpleNamespace(world=world, agent=DRIVERS[agent], params=Params())
-        return Conversation(run, None, scene, seed, PolicyInterpreter(), TemplateSpeaker())
+        policy = Policy(None, learner=DRIVERS[agent], world=world)
+        return Conversation(policy, scene, seed, PolicyInterpreter(), TemplateSpeaker())
 
     return start
 

@@ -63,15 +63,15 @@ def command(arguments):
     enable_compilation_cache()
     log_to_stderr()
     model = LanguageModel.from_environment() if "llm" in (options.speaker, options.interpreter) else None
-    run, actor = open_hearing(options.run, options.policy)
-    names = [scene.name for scene in run.world.scenes]
+    policy = open_hearing(options.run, options.policy)
+    names = [scene.name for scene in policy.world.scenes]
     if options.scene and options.scene not in names:
         raise UserError(f"--scene {options.scene!r} is not in this run: choose one of {', '.join(names)}")
-    ears = interpreter_of(run, actor)
+    ears = interpreter_of(policy)
     interpreter = LanguageModelInterpreter(model, ears) if options.interpreter == "llm" else ears
     speaker = LanguageModelSpeaker(model) if options.speaker == "llm" else TemplateSpeaker()
     scene = names.index(options.scene) if options.scene else 0
-    conversation = Conversation(run, actor, scene, options.seed, interpreter, speaker)
+    conversation = Conversation(policy, scene, options.seed, interpreter, speaker)
     show = _Show(conversation)
     sys.stdin.reconfigure(errors="replace")
     try:
@@ -86,7 +86,7 @@ def command(arguments):
         from ..render.animation import animate
 
         try:
-            animate(run.world, conversation.params, [conversation.episode()], gif)
+            animate(policy.world, conversation.params, [conversation.episode()], gif)
         except OSError as error:
             raise UserError(f"--gif {gif} can't be written ({error.strerror}): {remedy(error)}") from error
         print(f"drawn in {gif}")

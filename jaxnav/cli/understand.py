@@ -35,7 +35,7 @@ def command(arguments):
     check_policy(options.policy)
     enable_compilation_cache()
     log_to_stderr()
-    ears = interpreter_of(*open_hearing(options.run, options.policy))
+    ears = interpreter_of(open_hearing(options.run, options.policy))
     if not options.text and sys.stdin.isatty():
         Console(stderr=True).print("a sentence a line; Ctrl-D ends")
     sys.stdin.reconfigure(errors="replace")
@@ -50,7 +50,7 @@ def command(arguments):
 
 
 def open_hearing(folder, policy):
-    """(run, actor); UserError where the run's robot hears codes: it has no ears for sentences."""
+    """The `Policy` of a run. UserError: its robot hears messages, no sentences."""
     from ..training.run import Run
 
     run = Run.open(folder)
@@ -58,17 +58,17 @@ def open_hearing(folder, policy):
         raise UserError(
             f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
         )
-    return run, run.policy(policy).parameters
+    return run.policy(policy)
 
 
-def interpreter_of(run, actor):
+def interpreter_of(policy):
     import jax
 
     from ..language.interpreter import PolicyInterpreter
     from ..language.table import Embedder, default_table
 
-    heard = jax.jit(run.agent.understand)
-    return PolicyInterpreter(Embedder(default_table()), lambda words: heard(actor, words))
+    heard = jax.jit(policy.learner.understand)
+    return PolicyInterpreter(Embedder(default_table()), lambda words: heard(policy.parameters, words))
 
 
 def log_to_stderr():

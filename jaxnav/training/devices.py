@@ -9,6 +9,8 @@ import contextlib
 import dataclasses
 import os
 import re
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +19,7 @@ from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from ..errors import UserError
+from .config import RunConfig
 from .loop import LoopState
 
 SHARDS = 8
@@ -36,7 +39,7 @@ class Layout:
     shards: int = 1
     mesh: Mesh | None = None
 
-    def start(self, init):
+    def start(self, init: Callable[[], tuple[LoopState, Any]]) -> tuple[LoopState, Any]:
         """What ``init()`` returns, a `LoopState` and something beside it: the first made where it is to lie, the second
         `local`."""
         if self.mesh is None:
@@ -44,7 +47,7 @@ class Layout:
         loop, beside = jax.jit(init, out_shardings=(self._of_loop(), self._sharding()))()
         return loop, self.local(beside)
 
-    def vmap(self, function, in_axes):
+    def vmap(self, function: Callable[..., Any], in_axes: tuple[int | None, ...]) -> Callable[..., Any]:
         """``jax.vmap`` over episodes, of which each device maps over its own.
 
         XLA would do as much for most functions, not for one that does something of its own with a whole batch, such as
@@ -56,7 +59,7 @@ class Layout:
         specs = tuple(PartitionSpec() if axis is None else PartitionSpec(_AXIS) for axis in in_axes)
         return jax.shard_map(mapped, mesh=self.mesh, in_specs=specs, out_specs=PartitionSpec(_AXIS), check_vma=False)
 
-    def chunk(self, train_chunk, loop, hyper):
+    def chunk(self, train_chunk: Callable[..., Any], loop: LoopState, hyper: Any) -> Callable[..., Any]:
         """``train_chunk(loop, hyper)`` for arguments like these, of which it is given the first for good."""
         if self.mesh is None:
             return jax.jit(train_chunk, donate_argnums=0)
@@ -68,23 +71,23 @@ class Layout:
         everybodys(0)
         return program
 
-    def place(self, loop):
+    def place(self, loop: LoopState) -> LoopState:
         """``loop`` from the host's memory, whole in every process, on the devices."""
         if self.mesh is None:
             return jax.tree.map(jnp.asarray, loop)
         shardings = jax.tree.broadcast(self._of_loop(), loop, is_leaf=lambda leaf: isinstance(leaf, NamedSharding))
         return jax.tree.map(_placed, loop, shardings)
 
-    def gather(self, loop):
+    def gather(self, loop: LoopState) -> LoopState:
         """``loop`` whole in the memory of each host. All processes have to ask for it at once."""
         return loop if self.mesh is None else jax.tree.map(_gathered, loop)
 
-    def local(self, tree):
+    def local(self, tree: Any) -> Any:
         """What is replicated, as arrays of this process's first device alone: what only one of them computes on."""
         return tree if self.mesh is None else jax.tree.map(lambda leaf: leaf.addressable_data(0), tree)
 
     @property
-    def share_in_memory(self):
+    def share_in_memory(self) -> float:
         """Which part of all shards lies in one memory: a device's own, or the one that all of a process share."""
         if self.mesh is None:
             return 1.0
@@ -106,7 +109,7 @@ class Layout:
         return NamedSharding(self.mesh, PartitionSpec(*axes))
 
 
-def layout_on(devices) -> Layout:
+def layout_on(devices: int) -> Layout:
     """`SHARDS` shards on that many devices, as many of each process; 0: a run that is not parted, on one device.
 
     UserError: devices don't part the shards evenly, or there are fewer.
@@ -134,7 +137,7 @@ def layout_on(devices) -> Layout:
     return Layout(SHARDS, Mesh(np.array(chosen), (_AXIS,)))
 
 
-def check_shards(config, shards):
+def check_shards(config: RunConfig, shards: int) -> None:
     """UserError: episodes or batch of this `RunConfig` can't be parted into that many shards."""
     sizes = {"train.episodes": config.train.episodes, "agent.batch": getattr(config.agent, "batch", shards)}
     for name, size in sizes.items():
@@ -142,7 +145,7 @@ def check_shards(config, shards):
             raise UserError(f"{name} is {size}: give a multiple of {shards}, the shards of a run with --devices")
 
 
-def join_processes():
+def join_processes() -> None:
     """Become one of the processes that train together, as the environment tells; before JAX's first computation.
 
     UserError: it tells of none, or they don't answer.
@@ -169,13 +172,13 @@ def join_processes():
         ) from error
 
 
-def is_first():
+def is_first() -> bool:
     """Whether this process is the one that evaluates, prints and writes."""
     return jax.process_index() == 0
 
 
 @contextlib.contextmanager
-def together():
+def together() -> Iterator[None]:
     """All processes end well here, or all with the `UserError` of one of them: nobody waits for one that has gone."""
     failure = None
     try:
@@ -189,7 +192,7 @@ def together():
         raise UserError(text)
 
 
-def everybodys(value):
+def everybodys(value: Any) -> np.ndarray:
     """``value``, small and on every process of the same shape, of all processes: numpy `[processes, ...]`."""
     return multihost_utils.process_allgather(np.asarray(value))
 

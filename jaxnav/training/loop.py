@@ -4,16 +4,17 @@ A population is a ``vmap`` of `Trainer.train_chunk` over `LoopState` and `HSACHy
 ``in_axes=(member_axes(), 0)``: the counter stays unbatched, so that replay rows and schedules need no second branch.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import chex
 import jax
 import jax.numpy as jnp
 from flax import struct
 
-from ..agents.learner import Batch, Transition
+from ..agents.learner import Batch, Learner, Transition
 from ..agents.replay import Replay, by_shard, select
-from ..world import State
+from ..world import Params, State, World
+from .config import TrainConfig
 from .randomise import draw
 
 
@@ -29,13 +30,13 @@ class LoopState:
     counter: jax.Array
     key: jax.Array
     scene: jax.Array
-    learner: chex.ArrayTree
-    replay: chex.ArrayTree
+    learner: Any
+    replay: Any
     states: State
     ended: jax.Array
 
 
-def member_axes():
+def member_axes() -> LoopState:
     """The ``vmap`` axes of a `LoopState`: members everywhere but in the counter, which they share."""
     return LoopState(counter=None, key=0, scene=0, learner=0, replay=0, states=0, ended=0)
 
@@ -50,7 +51,17 @@ class Trainer:
     makes a function of one episode one of all, that of a `Layout` where they lie on several devices.
     """
 
-    def __init__(self, world, agent, params, config, ranges=(), since=0, shards=1, vmap=jax.vmap):
+    def __init__(
+        self,
+        world: World,
+        agent: Learner,
+        params: Params,
+        config: TrainConfig,
+        ranges: Sequence[tuple[str, float, float]] = (),
+        since: Any = 0,
+        shards: int = 1,
+        vmap: Callable[..., Callable[..., Any]] = jax.vmap,
+    ) -> None:
         self.world, self.agent, self.params, self.config = world, agent, params, config
         self.ranges, self.since, self.shards, self._vmap = ranges, since, shards, vmap
         self._state = jax.eval_shape(lambda key: world.reset(key, params), jax.random.key(0))
@@ -72,11 +83,11 @@ class Trainer:
         )
 
     @property
-    def bytes_per_transition(self):
+    def bytes_per_transition(self) -> int:
         """Of replay; none where the learner uses none."""
         return self.replay.bytes_per_transition if self.agent.replays else 0
 
-    def init(self, key, hyper, scene=-1) -> LoopState:
+    def init(self, key: jax.Array, hyper: Any, scene: Any = -1) -> LoopState:
         """The state before the first step; ``scene``: index of the only one to play, -1 for all."""
         key_learner, key = jax.random.split(key)
         episodes = self.config.episodes
@@ -95,7 +106,7 @@ class Trainer:
             ended=jnp.ones(episodes, bool),
         )
 
-    def train_chunk(self, loop: LoopState, hyper) -> tuple[LoopState, dict]:
+    def train_chunk(self, loop: LoopState, hyper: Any) -> tuple[LoopState, dict[str, jax.Array]]:
         """``steps_per_chunk`` steps of all episodes with their updates. Metrics are means over the chunk, and sums
         `[scenes]` of episodes that ended and that arrived; finite says whether all the learner's numbers still are."""
         key, key_pool, key_steps = jax.random.split(loop.key, 3)

@@ -7,11 +7,12 @@ import jax
 import psutil
 
 from ..errors import UserError
+from .config import RunConfig
 
 _CONTAINER_LIMIT = pathlib.Path("/sys/fs/cgroup/memory.max")  # Linux, control groups version 2
 
 
-def check_memory(config, bytes_per_transition, share=1.0):
+def check_memory(config: RunConfig, bytes_per_transition: int, share: float = 1.0) -> None:
     """UserError if replay and the copy of it that a checkpoint takes are larger than memory.
 
     share: of replay that lies in the memory of a device, where there are several; the copy is a whole one.
@@ -30,7 +31,7 @@ def check_memory(config, bytes_per_transition, share=1.0):
     )
 
 
-def free_memory():
+def free_memory() -> int:
     """Bytes of `available_memory` that nobody has yet."""
     stats = jax.devices()[0].memory_stats() or {}
     if "bytes_limit" in stats:
@@ -38,7 +39,7 @@ def free_memory():
     return min(available_memory(), psutil.virtual_memory().available)
 
 
-def available_memory():
+def available_memory() -> int:
     """Bytes of the device that trains: of an accelerator its own, of a CPU the machine's or its container's."""
     stats = jax.devices()[0].memory_stats() or {}  # none of a CPU
     if "bytes_limit" in stats:

@@ -6,12 +6,14 @@ turned non-finite is frozen. Neither needs another compilation.
 
 import dataclasses
 import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..agents.learner import Learner
 from ..agents.replay import select
 from ..errors import UserError
 from .config import RunConfig
@@ -40,7 +42,7 @@ class Population:
     own: names of fields of ``config.world.params`` of which each member has a value of its own while it trains.
     """
 
-    def __init__(self, config: RunConfig, agent, members: int, own: tuple[str, ...] = ()):
+    def __init__(self, config: RunConfig, agent: Learner, members: int, own: tuple[str, ...] = ()) -> None:
         self.config, self.members, self.own = config, members, own
         self.world = config.world.world()
         self._agent = agent
@@ -56,7 +58,7 @@ class Population:
         params = config.world.params.replace(**own)
         return Trainer(self.world, self._agent, params, config.train, config.world.randomise, since)
 
-    def start(self, seeds, hyper, scene=-1) -> LoopState:
+    def start(self, seeds: Iterable[int], hyper: Any, scene: int = -1) -> LoopState:
         """Members before their first step. hyper: leaves of one number, or of one for each member."""
         loop = self._begin(_keys(seeds), self._spread(hyper), jnp.full(self.members, scene, jnp.int32))
         if not self._agent.replays:
@@ -66,7 +68,7 @@ class Population:
             replay=jax.tree.map(lambda leaf: jnp.zeros((self.members, *leaf.shape), leaf.dtype), shapes)
         )  # fmt: skip
 
-    def refill(self, loop, slots, seeds, hyper) -> LoopState:
+    def refill(self, loop: LoopState, slots: Any, seeds: Iterable[int], hyper: Any) -> LoopState:
         """``loop``, which is donated, with members before their first step in ``slots``, a mask `[members]`.
 
         seeds, hyper: of all members, as for `start`; those outside of ``slots`` don't count. Whoever trains on tells
@@ -75,8 +77,15 @@ class Population:
         return self._refill(loop, self._begin(_keys(seeds), self._spread(hyper), loop.scene), jnp.asarray(slots))
 
     def train(
-        self, loop, hyper, steps, report=lambda steps, metrics: None, before=(), own=None, since: Any = 0
-    ):  # fmt: skip
+        self,
+        loop: LoopState,
+        hyper: Any,
+        steps: int,
+        report: Callable[[int, dict[str, np.ndarray]], object] = lambda steps, metrics: None,
+        before: Sequence[int | None] = (),
+        own: Mapping[str, Any] | None = None,
+        since: Any = 0,
+    ) -> tuple[LoopState, Trained]:
         """(loop, `Trained`) after training until ``steps`` steps of all episodes have been played.
 
         report: called after each chunk with the steps so far and its metrics, `[members]` each; before: ``broken`` of
@@ -97,7 +106,7 @@ class Population:
         env_steps = int(loop.counter) * self.config.train.episodes
         return loop, Trained(env_steps=env_steps, policies=self.policies(loop), broken=tuple(broken))
 
-    def policies(self, loop):
+    def policies(self, loop: LoopState) -> Any:
         """A copy of the parameters of what is evaluated `[members]`."""
         return jax.tree.map(jnp.copy, self._agent.policy(loop.learner))
 
@@ -117,11 +126,11 @@ class Population:
         program = jax.vmap(chunk, in_axes=(axes, 0, 0, 0, 0), out_axes=(axes, 0))
         return jax.jit(program, donate_argnums=0).lower(*self._shapes()).compile()
 
-    def compile(self):
+    def compile(self) -> None:
         """Compile the program, unless that is done: `train` would do it at its first chunk."""
         _ = self._chunk
 
-    def policy_shapes(self):
+    def policy_shapes(self) -> Any:
         """Shapes of what `policies` gives."""
         return jax.eval_shape(lambda loop: self._agent.policy(loop.learner), self._shapes()[0])
 
@@ -135,12 +144,12 @@ class Population:
         return loop, hyper, floats(dict.fromkeys(self.own, 0.0)), since, learning
 
     @property
-    def bytes_held(self):
+    def bytes_held(self) -> int:
         """Of the device's memory between two chunks: all that the members are."""
         return self._memory.argument_size_in_bytes
 
     @property
-    def bytes_needed(self):
+    def bytes_needed(self) -> int:
         """Of the device's memory while it trains: the members and what their program needs beside them. Compiles it."""
         found = self._memory
         return (
@@ -152,7 +161,7 @@ class Population:
     def _memory(self) -> Any:
         return self._chunk.memory_analysis()
 
-    def check_memory(self, name, beside=0, populations=1):
+    def check_memory(self, name: str, beside: int = 0, populations: int = 1) -> None:
         """UserError, before anything is allocated, if too little memory is free.
 
         name: of the number of members; beside: bytes that others, about to be allocated, need; populations: how many
@@ -172,7 +181,7 @@ class Population:
         return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.float32(leaf), self.members), values)
 
 
-def member(policies, i):
+def member(policies: Any, i: int) -> Any:
     """Parameters of one member."""
     return jax.tree.map(lambda leaf: leaf[i], policies)
 

@@ -5,11 +5,12 @@ import os
 import pathlib
 import platform
 import subprocess
+from typing import Any
 
 import jax
 
 
-def provenance():
+def provenance() -> dict[str, Any]:
     """Versions, git commit and device: what a result needs beside its configuration and seed."""
     packages = ("jaxnav", "jax", "jaxlib", "flax", "optax", "numpy")
     return {

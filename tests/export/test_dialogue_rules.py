@@ -112,7 +112,8 @@ def in_talk(case, run, actor, start, contract, monkeypatch):
 
     monkeypatch.setattr(talk, "_answer", lambda *_: Action(twist=jnp.array([1.0, 0.0]), request=jnp.int32(NONE)))
     monkeypatch.setattr(talk, "_step", step)
-    made = talk.Conversation(run, actor, 0, 0, SimpleNamespace(begin=lambda _: Answered(found)), TemplateSpeaker())
+    interpreter = SimpleNamespace(begin=lambda _: Answered(found))
+    made = talk.Conversation(run.policy_of(actor), 0, 0, interpreter, TemplateSpeaker())
     x, y, vx, vy = (jnp.full_like(start.pedestrians.x, value) for value in case.person)
     robot, encounters = start.robot.replace(x=jnp.float32(0), y=jnp.float32(0)), start.encounters
     if case.awaited:
