@@ -15,12 +15,14 @@ PACKAGE = Path(jaxnav.__file__).parent
 # From the ground up: a room imports only rooms that stand before it.
 ROOMS = (
     "errors",
+    "fields",
     "files",
     "statistics",
     "world",
     "maps",
     "language",
     "agents",
+    "plugins",
     "training",
     "render",
     "sweep",
