@@ -27,8 +27,7 @@ def small(name="quick"):
     config = jaxnav.preset(name)
     return dataclasses.replace(
         config,
-        scene="hallway",
-        world=dataclasses.replace(config.world, beams=16, params=jaxnav.Params(max_steps=30.0)),
+        world=dataclasses.replace(config.world, scenes=("hallway",), beams=16, params=jaxnav.Params(max_steps=30.0)),
         agent=dataclasses.replace(config.agent, actor_widths=(16,), critic_widths=(16,), batch=32, updates_per_step=1),
         train=dataclasses.replace(config.train, episodes=16, replay_rows=20, steps_per_chunk=5, total_steps=10),
     )

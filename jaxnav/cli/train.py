@@ -59,7 +59,7 @@ def command(arguments):
         _TrainOptions[type(default)], arguments, "train", "Train a robot.", default=_TrainOptions(config=default)
     )
     from ..training.devices import is_first, join_processes  # not needed for --help
-    from ..training.run import Interrupted
+    from ..training.signals import Interrupted
 
     if options.distributed:
         if options.devices == 0:

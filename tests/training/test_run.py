@@ -54,7 +54,7 @@ def copied(finished, tmp_path):
 def test_the_folder_says_what_was_run_with_what(finished):
     run, _ = finished
     stored = json.loads((run.folder / "config.json").read_text())
-    assert set(stored) == {"config", "shards", "embeddings", "versions", "git_commit", "device"}
+    assert set(stored) == {"config", "sources", "shards", "embeddings", "versions", "git_commit", "device"}
     assert run_from_json(stored["config"]) == run.config
     assert {"python", "jaxnav", "jax", "jaxlib", "flax", "optax", "numpy"} <= set(stored["versions"])
     assert stored["versions"]["jax"] == jax.__version__
