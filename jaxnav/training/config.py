@@ -5,8 +5,6 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ..agents import (
     A2CConfig,
     A2CHyperparameters,
@@ -183,7 +181,7 @@ def resolve(config: RunConfig) -> RunConfig:
         check_params(world.params, world)
         check_ranges(world.randomise, world.params, world)
         world.world()
-        check_hyperparameters(config.hyper)
+        check(config.hyper, "hyper")
     except ValueError as error:
         raise UserError(str(error)) from None
     algo = "" if config.algo == "hsac" else f"{config.algo.rpartition(':')[2]}-"
@@ -202,29 +200,6 @@ def _check_rollout(agent: RolloutConfig, train: TrainConfig) -> None:
         raise UserError(
             f"agent.minibatches is {parts}: give a divisor of agent.horizon times train.episodes, which is {steps}"
         )
-
-
-_FRACTIONS = (
-    "discount", "tau", "average", "final_lr", "target_entropy_request", "gae_lambda", "word_errors",
-    "initial_std",
-)  # fmt: skip
-_ABOVE_ZERO = ("initial_temperature", "initial_std", "clip", "max_gradient_norm", "reward_scale")
-_NOT_NEGATIVE = (
-    "exploration_noise", "target_noise", "target_noise_clip", "entropy_weight", "word_noise", "message_weight",
-)  # fmt: skip
-
-
-def check_hyperparameters(hyper):
-    """Raise ValueError naming the first hyperparameter that is not finite or out of its range."""
-    for name, value in vars(hyper).items():
-        if not np.all(np.isfinite(value)):
-            raise ValueError(f"hyper.{name} is {value}: give a finite number")
-        if (name.endswith("_lr") or name in _NOT_NEGATIVE) and np.any(np.asarray(value) < 0):
-            raise ValueError(f"hyper.{name} is {value}: give a number of at least 0")
-        if name in _FRACTIONS and not np.all((np.asarray(value) >= 0) & (np.asarray(value) <= 1)):
-            raise ValueError(f"hyper.{name} is {value}: give a number from 0 to 1")
-        if name in _ABOVE_ZERO and not np.all(np.asarray(value) > 0):
-            raise ValueError(f"hyper.{name} is {value}: give a number above 0")
 
 
 def run_from_json(data: dict[str, Any]) -> RunConfig:
