@@ -136,9 +136,8 @@ def _run_class(learner: RegisteredLearner) -> type[RunConfig]:
             ("hyper", learner.hyper, hyper),
         ],
         bases=(RunConfig,),
-        namespace={"__doc__": f"A run of {learner.name}."},
+        namespace={"__doc__": f"A run of {learner.name}.", "__module__": __name__},
         frozen=True,
-        module=__name__,
     )
 
 
