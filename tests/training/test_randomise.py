@@ -62,7 +62,7 @@ def test_an_episode_is_begun_with_what_its_seed_draws():
     [
         ((("sped", 0.0, 1.0),), "'sped': give fields"),
         ((("compliance", 1.0, 0.0),), "1.0 to 0.0 for compliance: give the lower end first"),
-        ((("compliance", 0.0, 1.5),), "compliance is 1.5: give a probability"),
+        ((("compliance", 0.0, 1.5),), "compliance is 1.5: give a number from 0 to 1"),
         ((("control_latency", 0, 3),), "control_latency is 3: give a whole number from 0 to world.control_delay"),
         ((("crowd_size", 1, 9),), "crowd_size is 9: give a whole number from 0 to world.pedestrians"),
         ((("compliance", 0.0, 1.0), ("compliance", 0.5, 1.0)), "names a field twice"),
