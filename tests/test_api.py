@@ -20,17 +20,27 @@ from jaxnav.world.types import REQUESTS
 
 README = (pathlib.Path(__file__).parent.parent / "README.md").read_text()
 EPISODES = 16
+PRESET = jaxnav.preset
 
 
 def small(name="quick"):
     """A `RunConfig` of seconds."""
-    config = jaxnav.preset(name)
+    config = PRESET(name)
     return dataclasses.replace(
         config,
         world=dataclasses.replace(config.world, scenes=("hallway",), beams=16, params=jaxnav.Params(max_steps=30.0)),
         agent=dataclasses.replace(config.agent, actor_widths=(16,), critic_widths=(16,), batch=32, updates_per_step=1),
         train=dataclasses.replace(config.train, episodes=16, replay_rows=20, steps_per_chunk=5, total_steps=10),
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _light():
+    """Few episodes at a time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluation, "BLOCK", EPISODES)
+        patch.setattr(api, "EPISODES", EPISODES)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +50,6 @@ def first(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
         patch.chdir(tmp_path_factory.mktemp("readme"))
         patch.setattr(jaxnav, "preset", small, raising=False)
-        patch.setattr(evaluation, "BLOCK", EPISODES)
-        patch.setattr(api, "EPISODES", EPISODES)
         exec(code.replace("episodes=500", f"episodes={EPISODES}"), {})
         return pathlib.Path("runs/first").absolute(), printed.getvalue().split()
 

@@ -163,14 +163,14 @@ class Evaluator:
 
 
 @functools.lru_cache(maxsize=8)
-def _kept(world: World, params: Params) -> Evaluator:
-    return Evaluator(world, params)
+def _kept(world: World, params: Params, block: int) -> Evaluator:
+    return Evaluator(world, params, block)
 
 
 def evaluator_of(world: World, params: Params) -> Evaluator:
     """An `Evaluator` for a world; what it has compiled serves the next call with the same world and params."""
     try:
-        return _kept(world, params)
+        return _kept(world, params, BLOCK)
     except TypeError:  # params that are arrays can't be looked up
         return Evaluator(world, params)
 

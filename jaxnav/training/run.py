@@ -17,7 +17,7 @@ from .checkpoint import Checkpoints
 from .config import RunConfig, make_agent, resolve, run_from_json
 from .dataclass_json import differences, to_json
 from .devices import Layout, check_shards, is_first, together
-from .evaluation import Evaluator
+from .evaluation import evaluator_of
 from .folder import RunFolder
 from .loop import LoopState, Trainer
 from .memory import check_memory
@@ -77,7 +77,7 @@ class Run:
             shards=layout.shards,
             vmap=layout.vmap,
         )
-        self.evaluator = Evaluator(self.world, self.params)
+        self.evaluator = evaluator_of(self.world, self.params)
         self.hyper = jax.tree.map(jnp.float32, config.hyper)
         named, sources = plugins.described(config)
         compared = to_json(named)
