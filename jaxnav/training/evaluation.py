@@ -163,14 +163,15 @@ class Evaluator:
 
 
 @functools.lru_cache(maxsize=8)
-def _kept(world: World, params: Params, block: int) -> Evaluator:
+def _kept(world: World, params: Any, block: int) -> Evaluator:
     return Evaluator(world, params, block)
 
 
 def evaluator_of(world: World, params: Params) -> Evaluator:
     """An `Evaluator` for a world; what it has compiled serves the next call with the same world and params."""
     try:
-        return _kept(world, params, BLOCK)
+        found: Any = params  # of Python floats hashable
+        return _kept(world, found, BLOCK)
     except TypeError:  # params that are arrays can't be looked up
         return Evaluator(world, params)
 

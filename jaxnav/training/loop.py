@@ -13,27 +13,31 @@ from flax import struct
 
 from ..agents.learner import Batch, Learner, Transition
 from ..agents.replay import Replay, by_shard, select
-from ..world import Params, State, World
+from ..world import Params, World
 from .config import TrainConfig
 from .randomise import draw
 
 
 @struct.dataclass
 class LoopState:
-    """Everything that training goes on from.
+    """Everything that training goes on from. As ``vmap`` axes or shardings it has these in place of arrays.
 
-    counter: steps of all episodes so far; key: of this member; scene: index of the one it plays, -1 for all of the
-    world's; learner: its state; replay: contents; states: `State` `[episodes]`; ended: `[episodes]` whether that state
-    is an episode's last, to be replaced before acting.
+    counter: steps of all episodes so far.
+    key:     of this member.
+    scene:   index of the scene it plays, -1 for all of the world's.
+    learner: its state.
+    replay:  its contents, `{}` of a learner without replay.
+    states:  `State` `[episodes]`.
+    ended:   `[episodes]` whether that state is an episode's last, to be replaced before acting.
     """
 
-    counter: jax.Array
-    key: jax.Array
-    scene: jax.Array
+    counter: Any
+    key: Any
+    scene: Any
     learner: Any
     replay: Any
-    states: State
-    ended: jax.Array
+    states: Any
+    ended: Any
 
 
 def member_axes() -> LoopState:
@@ -67,19 +71,19 @@ class Trainer:
         self._state = jax.eval_shape(lambda key: world.reset(key, params), jax.random.key(0))
         snapshot = jax.eval_shape(world.snapshot, self._state)
         self._observation = jax.eval_shape(lambda s: world.observe_snapshot(s, params), snapshot)
-        scalar = jax.ShapeDtypeStruct((), jnp.float32)
+        shapes: dict[str, Any] = {
+            "snapshot": snapshot,
+            "next_snapshot": snapshot,
+            "twist": jax.ShapeDtypeStruct((2,), jnp.float32),
+            "request": jax.ShapeDtypeStruct((), jnp.uint8),
+            "reward": jax.ShapeDtypeStruct((), jnp.float32),
+            "terminated": jax.ShapeDtypeStruct((), bool),
+            "ended": jax.ShapeDtypeStruct((), bool),
+        }
         self.replay = Replay(
             rows=config.replay_rows,
             shards=shards,
-            template=Transition(
-                snapshot=snapshot,
-                next_snapshot=snapshot,
-                twist=jax.ShapeDtypeStruct((2,), jnp.float32),
-                request=jax.ShapeDtypeStruct((), jnp.uint8),
-                reward=scalar,
-                terminated=jax.ShapeDtypeStruct((), bool),
-                ended=jax.ShapeDtypeStruct((), bool),
-            ),
+            template=Transition(**shapes),
         )
 
     @property

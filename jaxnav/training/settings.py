@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +35,8 @@ class WorldSettings(WorldConfig):
             found = self._load(name)
             names += [scene.name for scene in found] or [name]  # of a recording, or unknown: World says it
             own |= {scene.name: scene for scene in found}
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(WorldConfig)}
-        parts = {}
+        fields: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(WorldConfig)}
+        parts: dict[str, Any] = {}
         if plugins.is_file(self.reward):
             parts["reward"] = plugins.load_part(self.reward, "reward")
         if plugins.is_file(self.people):
