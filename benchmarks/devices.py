@@ -14,9 +14,9 @@ import time
 import jax
 import jax.numpy as jnp
 
-from jaxnav.training.config import preset, resolve
+from jaxnav import preset
+from jaxnav.training import Run, resolve
 from jaxnav.training.devices import SHARDS, layout_on
-from jaxnav.training.run import Run
 
 
 class Training:

@@ -13,7 +13,7 @@ import jax
 
 from jaxnav import Params, World
 from jaxnav.agents import HSAC, HSACConfig, HSACHyperparameters
-from jaxnav.training.config import TrainConfig
+from jaxnav.training import TrainConfig
 from jaxnav.training.loop import Trainer
 
 

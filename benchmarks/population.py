@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import psutil
 
-from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.population import Population
+from jaxnav import preset
+from jaxnav.training import Population, make_agent, resolve
 
 CHUNKS = 40
 

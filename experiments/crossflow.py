@@ -13,9 +13,7 @@ from experiments.paired import pair
 from experiments.tables import methods
 from jaxnav.errors import UserError
 from jaxnav.statistics import packed
-from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import VALIDATION_SEED
-from jaxnav.training.rollout import EpisodeSummary
+from jaxnav.training import VALIDATION_SEED, EpisodeSummary, to_json
 
 PROGRAM, SCENE, UNCHANGED, PLANNER = "crossflow", "crossflow", "unchanged", "planner"
 

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 
 from experiments import study
-from experiments.paired import packed, pair, unpacked
+from experiments.paired import pair
+from jaxnav import SUITES, Params, RunConfig, World, WorldConfig, preset
 from jaxnav.errors import UserError
 from jaxnav.language.table import default_table
-from jaxnav.statistics import wilson_interval
-from jaxnav.training.config import RunConfig, preset, resolve
-from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import Evaluator
-from jaxnav.training.rollout import EpisodeSummary
-from jaxnav.world import SUITES, Params, World, WorldConfig
+from jaxnav.statistics import packed, unpacked, wilson_interval
+from jaxnav.training import EpisodeSummary, Evaluator, resolve, to_json
 from jaxnav.world.people import RECORDING
 
 PROGRAM = "people"
@@ -164,7 +161,7 @@ def fingerprint(path: str) -> str:
 
 def _share(row, field):
     """A proportion over all robots' episodes with its Wilson interval, as text."""
-    counts = np.concatenate(unpacked(row | {"arrived": row[field]}))
+    counts = np.concatenate(unpacked(row[field], row["episodes"]))
     low, high = wilson_interval(int(counts.sum()), counts.size)
     return f"{counts.mean():.3f} ({low:.3f}-{high:.3f})"
 

@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments import study
+from jaxnav import preset
 from jaxnav.language.table import default_table
 from jaxnav.statistics import wilson_interval
-from jaxnav.training.config import preset, resolve
-from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import play_block
+from jaxnav.training import play_block, resolve, to_json
 
 PROGRAM = "robustness"
 BLOCK = 500  # episodes of a scene played at once

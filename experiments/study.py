@@ -14,11 +14,8 @@ from rich.progress import Progress
 
 from jaxnav.errors import UserError
 from jaxnav.files import write_atomically, write_json
-from jaxnav.training.dataclass_json import differences
-from jaxnav.training.evaluation import VALIDATION_SEED
+from jaxnav.training import VALIDATION_SEED, Interrupted, Run, differences
 from jaxnav.training.provenance import provenance
-from jaxnav.training.run import Run
-from jaxnav.training.signals import Interrupted
 from jaxnav.training.train import train
 
 RESULTS = pathlib.Path(__file__).parent / "results"

@@ -12,12 +12,8 @@ import numpy as np
 
 from experiments import study
 from experiments.tables import tuning
-from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import VALIDATION_SEED, Evaluator
-from jaxnav.training.policy import Policy
-from jaxnav.training.population import Population, member
-from jaxnav.world import SUITES
+from jaxnav import SUITES, preset
+from jaxnav.training import VALIDATION_SEED, Evaluator, Policy, Population, make_agent, member, resolve, to_json
 
 PROGRAM = "tricks"
 THRESHOLD = 0.95

@@ -14,6 +14,7 @@ import numpy as np
 from experiments import study
 from experiments.exporting import navigated
 from experiments.exporting.single_states import CONFIGURATIONS, compare
+from jaxnav import preset
 from jaxnav.errors import UserError
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
@@ -21,7 +22,7 @@ from jaxnav.export.modules import modules
 from jaxnav.export.reference import Reference
 from jaxnav.language.table import default_table
 from jaxnav.statistics import wilson_interval
-from jaxnav.training.config import preset, resolve
+from jaxnav.training import resolve
 
 PROGRAM = "exporting.exported"
 SUITES = {"parity": "all", "hard": "hard"}  # what --scene calls them

@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnav import SCENES, Action, World
 from jaxnav.agents.networks import message_words
 from jaxnav.export.contract import RAW_PARTS
 from jaxnav.language.table import default_table
-from jaxnav.training.evaluation import episode_keys
-from jaxnav.world import SCENES, Action, World
+from jaxnav.training import episode_keys
 from jaxnav.world.types import REPLIES
 
 

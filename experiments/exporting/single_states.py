@@ -13,15 +13,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnav.agents.encoders import ENCODERS
+from jaxnav import preset
+from jaxnav.agents import ENCODERS
 from jaxnav.agents.hsac import HEADS, LANGUAGES
 from jaxnav.errors import UserError
 from jaxnav.export.bundle import write_bundle
 from jaxnav.export.contract import origin_of
 from jaxnav.export.modules import modules
 from jaxnav.export.reference import Reference
-from jaxnav.training.config import preset, resolve
-from jaxnav.training.run import Run
+from jaxnav.training import Run, resolve
 
 # Of hybrid SAC every encoder, head and language; of the others one each, since only what makes a twist differs.
 CONFIGURATIONS = {

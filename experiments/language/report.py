@@ -7,7 +7,7 @@ import numpy as np
 from experiments import study
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.statistics import paired_difference, unpacked
-from jaxnav.training.config import TrainConfig
+from jaxnav.training import TrainConfig
 from jaxnav.world.types import MESSAGES
 
 # What a robot hears in an episode: the messages themselves, or phrases: split, share garbled, norm of the noise.

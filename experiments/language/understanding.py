@@ -15,13 +15,12 @@ from experiments import study
 from experiments.language import report
 from experiments.language.report import HEARD, MAIN
 from experiments.tables import methods
+from jaxnav import SUITES, preset
 from jaxnav.language.phrases import KINDS, SPLITS
 from jaxnav.language.table import default_table
 from jaxnav.language.vocabulary import vocabulary
 from jaxnav.statistics import packed, wilson_interval
-from jaxnav.training.config import TrainConfig, preset, resolve
-from jaxnav.training.dataclass_json import to_json
-from jaxnav.world import SUITES
+from jaxnav.training import TrainConfig, resolve, to_json
 from jaxnav.world.types import LEFT, MESSAGES, RIGHT
 
 PROGRAM = "language.understanding"

@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from jaxnav.agents.scripted import OrcaRobot
-from jaxnav.world import Action
+from jaxnav import Action, OrcaRobot
 from jaxnav.world.robot import arc, twist_from_action
 from jaxnav.world.types import NONE
 from jaxnav.world.walls import wall_clearance

@@ -15,13 +15,12 @@ from matplotlib.figure import Figure
 
 from experiments import study
 from experiments.planning.gradient_plans import plan
-from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
+from jaxnav import SCENES, SUITES, OrcaRobot, Planner, StraightLine, World, WorldConfig
 from jaxnav.errors import UserError
 from jaxnav.render import palette
 from jaxnav.statistics import wilson_interval
-from jaxnav.training.evaluation import episode_keys
-from jaxnav.training.rollout import play
-from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
+from jaxnav.training import episode_keys, play
+from jaxnav.world import default_params
 
 PROGRAM = "planning.plan_by_gradient"
 BLOCK = 50  # episodes planned at once

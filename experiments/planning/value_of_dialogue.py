@@ -8,9 +8,9 @@ import math
 import pathlib
 
 from experiments import study
-from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
-from jaxnav.training.evaluation import Evaluator, scene_metrics
-from jaxnav.world import SCENES, SUITES, World, WorldConfig, default_params
+from jaxnav import SCENES, SUITES, OrcaRobot, Planner, StraightLine, World, WorldConfig
+from jaxnav.training import Evaluator, scene_metrics
+from jaxnav.world import default_params
 
 PROGRAM = "planning.value_of_dialogue"
 BLOCK = 1000  # episodes played at once

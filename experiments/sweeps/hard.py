@@ -3,8 +3,8 @@
 jaxnav sweep experiments/sweeps/hard.py
 """
 
+from jaxnav import preset
 from jaxnav.sweep import Guard, Range, Sweep
-from jaxnav.training.config import preset
 
 sweep = Sweep(
     base=preset("quick", scenes="hard"),

@@ -10,16 +10,11 @@ from flax import struct
 
 from experiments import study
 from experiments.tables.report import RATES
+from jaxnav import SUITES, OrcaRobot, Planner, StraightLine, preset
 from jaxnav.agents.networks import message_codes
-from jaxnav.agents.scripted import OrcaRobot, Planner, StraightLine
 from jaxnav.errors import UserError
 from jaxnav.statistics import measure
-from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.evaluation import Evaluator, metrics
-from jaxnav.training.policy import Policy
-from jaxnav.training.population import Population, member
-from jaxnav.training.rollout import EpisodeSummary
-from jaxnav.world import SUITES
+from jaxnav.training import EpisodeSummary, Evaluator, Policy, Population, make_agent, member, metrics, resolve
 
 BLOCK = 500  # episodes played at once
 REPORTED = 32_000  # environment steps between two lines of progress

@@ -6,8 +6,8 @@ A result is what table.py writes, a dict: `table`, `rows` (a scene, method and b
 import dataclasses
 import itertools
 
+from jaxnav import SCENES, SUITES
 from jaxnav.statistics import REACHED, suite_iqm
-from jaxnav.world import SCENES, SUITES
 
 TITLES = {"table1": "Methods", "table2": "Two requests against four", "table3": "With and without language, and muted"}
 NAMES = {

@@ -12,9 +12,8 @@ from experiments.tables import methods
 from jaxnav.errors import UserError
 from jaxnav.files import write_atomically, write_json
 from jaxnav.language.table import default_table
-from jaxnav.training.dataclass_json import differences, to_json
+from jaxnav.training import EpisodeSummary, differences, to_json
 from jaxnav.training.provenance import provenance
-from jaxnav.training.rollout import EpisodeSummary
 
 
 class Runs:
@@ -32,7 +31,7 @@ class Runs:
     def identity(self, config):
         """What decides on what is trained: all of a configuration but names and folders."""
         whole = to_json(config)
-        for name in ("preset", "scene", "seed", "out", "resume"):
+        for name in ("preset", "seed", "out", "resume"):
             whole.pop(name)
         return whole | {"seeds": list(range(self.seeds)), "embeddings": default_table().fingerprint}
 

@@ -8,14 +8,13 @@ from experiments import study
 from experiments.paired import pair
 from experiments.tables import figure, methods, report, trajectories
 from experiments.tables.runs import Runs
+from jaxnav import SUITES, preset
 from jaxnav.errors import UserError
 from jaxnav.files import write_atomically, write_json
 from jaxnav.language.table import default_table
 from jaxnav.statistics import packed
-from jaxnav.training.config import PRESETS
-from jaxnav.training.dataclass_json import differences, to_json
-from jaxnav.training.rollout import EpisodeSummary
-from jaxnav.world import SUITES, default_params
+from jaxnav.training import EpisodeSummary, differences, to_json
+from jaxnav.world import default_params
 
 PAPER_STEPS, PAPER_EPISODES = 128_000, 500
 TABLES = ("table1", "table2", "table3")
@@ -163,7 +162,7 @@ class Table:
         return {
             "episodes": options.episodes, "episode_seed": options.seed, "budgets": options.budgets,
             "embeddings": default_table().fingerprint,
-            "worlds": [to_json(PRESETS["quick"].world.of_scenes(group)) for group in methods.GROUPS],
+            "worlds": [to_json(preset("quick").world.of_scenes(group)) for group in methods.GROUPS],
             "methods": {
                 name: self.runs.identity(methods.configuration(method, methods.GROUPS[0], options.converged))
                 for name, method in self.methods.items()
@@ -213,7 +212,7 @@ class Table:
                 return self._kept[scene, robot, "none"]
             if not options.asked(scene):
                 return None
-            world = PRESETS["quick"].world.of_scenes((scene,))
+            world = preset("quick").world.of_scenes((scene,))
             playing = methods.Playing(world.world(), default_params((scene,)))
             summary = playing(methods.SCRIPTED[robot], 0, options.seed, options.seeds * options.episodes)
             self.runs.save(path, summary)

@@ -2,9 +2,9 @@
 
 from experiments import study
 from experiments.tables import methods
+from jaxnav import preset
 from jaxnav.render import figures
-from jaxnav.training.config import PRESETS
-from jaxnav.training.population import member
+from jaxnav.training import member
 from jaxnav.world import default_params
 
 
@@ -16,7 +16,7 @@ def draw(table) -> None:
     folder = table.options.out / "trajectories"
     study.make_folder(folder)
     for group in methods.GROUPS:
-        world, params = PRESETS["quick"].world.of_scenes(group).world(), default_params(group)
+        world, params = preset("quick").world.of_scenes(group).world(), default_params(group)
         for name, method in table.methods.items():
             drawn = _path(folder, name, group).exists() and (name, group) not in table.played
             if not drawn and (episodes := _recorded(table, method, group)):

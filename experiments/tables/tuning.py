@@ -11,12 +11,9 @@ import numpy as np
 
 from experiments import study
 from experiments.tables import methods
+from jaxnav import preset
 from jaxnav.agents import LEARNERS
-from jaxnav.training.config import make_agent, preset, resolve
-from jaxnav.training.dataclass_json import to_json
-from jaxnav.training.evaluation import VALIDATION_SEED, Evaluator
-from jaxnav.training.policy import Policy
-from jaxnav.training.population import Population, member
+from jaxnav.training import VALIDATION_SEED, Evaluator, Policy, Population, make_agent, member, resolve, to_json
 
 PROGRAM = "tables.tuning"
 SCENES = ("narrow", "doorway", "corner")  # of the hard suite, since the parity suite saturates; one pedestrian each

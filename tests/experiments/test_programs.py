@@ -12,7 +12,7 @@ PROGRAMS = [
     *(f"tables.{name}" for name in ("table1", "table2", "table3", "tuning")),
     *(f"language.{name}" for name in ("understanding", "held_out_patterns")),
     *(f"planning.{name}" for name in ("plan_by_gradient", "value_of_dialogue")),
-    "exporting.exported", "crossflow", "robustness", "tricks", "calibrate_pedestrians",
+    "exporting.exported", "crossflow", "people", "robustness", "tricks", "calibrate_pedestrians",
 ]  # fmt: skip
 
 
