@@ -23,7 +23,6 @@ LEARNERS_OWN = [part for learner in LEARNERS.values() for part in (learner.confi
         WorldSettings,
         TrainConfig,
         RunConfig,
-        HSACRunConfig,
         *map(run_class, LEARNERS),
         *LEARNERS_OWN,
     ],

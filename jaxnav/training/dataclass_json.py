@@ -3,10 +3,12 @@
 import dataclasses
 import types
 import typing
-from typing import Any
+from typing import Any, TypeVar
+
+_Class = TypeVar("_Class")
 
 
-def to_json(value) -> Any:
+def to_json(value: Any) -> Any:
     """A dataclass as nested dicts and lists."""
     if dataclasses.is_dataclass(value):
         return {field.name: to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
@@ -15,8 +17,8 @@ def to_json(value) -> Any:
     return value
 
 
-def from_json(cls, data):
-    """The dataclass ``cls`` from what `to_json` made of it; ValueError names a field that is missing or unknown."""
+def from_json(cls: type[_Class], data: dict[str, Any]) -> _Class:
+    """The dataclass ``cls`` from the result of `to_json`; ValueError names a field that is missing or unknown."""
     hints = typing.get_type_hints(cls)
     fields = {field.name for field in dataclasses.fields(cls)}
     for name in fields ^ set(data):
@@ -32,7 +34,7 @@ def from_json(cls, data):
     return cls(**values)
 
 
-def differences(old, new, prefix=""):
+def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
     """Dotted names of the fields in which two results of `to_json` differ."""
     if not isinstance(old, dict) or not isinstance(new, dict):
         return [] if old == new else [prefix]

@@ -1,19 +1,25 @@
 """Domain randomisation: an episode's `Params`, drawn anew from the seed that its states and snapshots carry.
 
-So replay stores no `Params`: whoever has a snapshot can draw them again.
+So replay stores no `Params`: they are drawn again from a snapshot.
 """
+
+import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 
-from ..world import check_params
+from ..fields import rule_of
+from ..world import Params, WorldConfig, check_params
 
 _RANDOMISE = 0x52414E44  # sets these draws apart from the sensor noise, which has the same seed
-_WHOLE = ("crowd_size", "control_latency", "scan_latency")
+_WHOLE = frozenset(field.name for field in dataclasses.fields(Params) if (rule := rule_of(field)) and rule.whole)
+
+Ranges = Sequence[tuple[str, float, float]]  # name, lowest and highest of each field that is drawn
 
 
-def check_ranges(ranges, params, config):
-    """ValueError names the range that is unknown, upside down, or leaves what `check_params` allows."""
+def check_ranges(ranges: Ranges, params: Params, config: WorldConfig) -> None:
+    """ValueError names the range that is unknown, upside down, or outside what `check_params` allows."""
     for name, low, high in ranges:
         if not hasattr(params, name):
             raise ValueError(f"world.randomise names {name!r}: give fields of world.params")
@@ -30,10 +36,10 @@ def check_ranges(ranges, params, config):
         raise ValueError("world.randomise names a field twice: give one range for each")
 
 
-def draw(seed, params, ranges):
+def draw(seed: jax.Array, params: Params, ranges: Ranges) -> Params:
     """``params`` with each field of ``ranges``, (name, lowest, highest), drawn uniformly by the uint32 ``seed``.
 
-    Latencies and crowds are whole numbers, both ends included; nobody's walking speed exceeds their top speed.
+    Latencies and crowds are whole numbers, both ends included; no walking speed exceeds the top speed.
     """
     uniform = jax.random.uniform(jax.random.fold_in(jax.random.key(seed), _RANDOMISE), (len(ranges),))
     values = {

@@ -8,13 +8,27 @@ import jax.numpy as jnp
 
 from .geometry import closest_approach, cross2d, norm, unit
 from .lidar import raycast
-from .types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP, Encounter
+from .params import Params
+from .types import (
+    AGREES,
+    LEFT,
+    NONE,
+    REFUSES,
+    RIGHT,
+    STOP,
+    Encounter,
+    Pedestrian,
+    PedestrianTraits,
+    Robot,
+    SeenPedestrian,
+    Walls,
+)
 
 _REFERENCE_SPEED = 0.5  # the walking speed at which a gate opens at exactly `encounter_distance`
 COS_45 = 0.70710678
 
 
-def start(pedestrian, robot):
+def start(pedestrian: Pedestrian, robot: Robot) -> Encounter:
     """The `Encounter` of a pedestrian before anything has happened."""
     off, none, zero = jnp.bool_(False), jnp.int32(0), jnp.zeros(())
     return Encounter(
@@ -25,20 +39,20 @@ def start(pedestrian, robot):
     )  # fmt: skip
 
 
-def may_request(encounter):
+def may_request(encounter: Encounter | SeenPedestrian) -> jax.Array:
     """Whether a request to this pedestrian would count: gate open, the robot's turn, nothing asked yet."""
     return encounter.is_open & ~encounter.pedestrian_first & (encounter.request == NONE)
 
 
-def address(encounters, request):
-    """What each pedestrian `[P]` is asked: ``request`` for the nearest that may be asked, none for the others."""
+def address(encounters: Encounter, request: jax.Array) -> jax.Array:
+    """The request to each pedestrian `[P]`: ``request`` for the nearest that may be asked, none for the others."""
     askable = may_request(encounters)
     nearest = jnp.argmin(jnp.where(askable, encounters.distance, jnp.inf))
     addressed = askable & (jnp.arange(askable.shape[0]) == nearest)
     return jnp.where(addressed, request, NONE)
 
 
-def receive(encounter, asked, traits, params):
+def receive(encounter: Encounter, asked: jax.Array, traits: PedestrianTraits, params: Params) -> Encounter:
     """Register a request and reply to it once the pedestrian has taken its 0-2 steps to answer."""
     request = jnp.where(asked != NONE, asked, encounter.request)
     answers = encounter.is_open & (request != NONE) & (encounter.request_age >= traits.reply_delay)
@@ -46,14 +60,14 @@ def receive(encounter, asked, traits, params):
     return encounter.replace(request=request, reply=reply)
 
 
-def mute(traits):
+def mute(traits: PedestrianTraits) -> PedestrianTraits:
     """The same traits of people who take no part in dialogue: they never speak first, and never answer in time."""
     return traits.replace(
         first=jnp.ones_like(traits.first), reply_delay=jnp.full_like(traits.reply_delay, jnp.iinfo(jnp.int32).max)
     )
 
 
-def speak(encounter, robot, pedestrian, message):
+def speak(encounter: Encounter, robot: Robot, pedestrian: Pedestrian, message: int | jax.Array) -> Encounter:
     """The encounter after the pedestrian, unprompted, has said ``message``: open, and its turn from now on.
 
     For people who are not simulated: those of the world speak when an encounter opens (`advance`).
@@ -69,25 +83,25 @@ def speak(encounter, robot, pedestrian, message):
     )  # fmt: skip
 
 
-def obeyed_request(encounter, traits, params):
+def obeyed_request(encounter: Encounter, traits: PedestrianTraits, params: Params) -> jax.Array:
     """The request the pedestrian is carrying out in this step, else none."""
     obeys = encounter.is_open & (encounter.reply == AGREES)
     obeys &= encounter.request_age - traits.reply_delay < params.obey_steps
     return jnp.where(obeys, encounter.request, NONE)
 
 
-def is_committed(encounter, traits):
+def is_committed(encounter: Encounter, traits: PedestrianTraits) -> jax.Array:
     """Whether the pedestrian carries out what it announced and no longer avoids the robot."""
     return encounter.is_open & encounter.pedestrian_first & (encounter.message_age >= traits.commit_delay)
 
 
-def decides_alone(encounter, traits, params):
+def decides_alone(encounter: Encounter, traits: PedestrianTraits, params: Params) -> jax.Array:
     """Whether a pedestrian with whom nothing is agreed has picked a side of its own and no longer avoids the robot."""
     alone = encounter.is_open & ~encounter.pedestrian_first & (encounter.reply != AGREES)
     return alone & (encounter.age >= traits.decide_delay) & (traits.decides < params.p_decides_late)
 
 
-def fitting_request(robot, pedestrian):
+def fitting_request(robot: Robot, pedestrian: Pedestrian) -> jax.Array:
     """The request that suits the geometry: stop for crossing headings, else the side the pedestrian is on already."""
     ux, uy = _walking_direction(pedestrian)
     path_x, path_y = unit(robot.goal_x - robot.x, robot.goal_y - robot.y)
@@ -98,7 +112,7 @@ def fitting_request(robot, pedestrian):
     return jnp.where(_is_crossing(robot, ux, uy), STOP, jnp.where(path_is_left, RIGHT, LEFT))
 
 
-def follows_message(encounter, robot):
+def follows_message(encounter: Encounter, robot: Robot) -> jax.Array:
     """Whether the robot, at the end of a step, does what it was asked (docs/world.md section 8, r_res)."""
     left_of_line = cross2d(
         encounter.robot_ux, encounter.robot_uy, robot.x - encounter.robot_x, robot.y - encounter.robot_y
@@ -109,7 +123,16 @@ def follows_message(encounter, robot):
     return encounter.is_open & (stops | right | left)
 
 
-def advance(encounter, traits, robot, pedestrian, turns, walls, word, params):
+def advance(
+    encounter: Encounter,
+    traits: PedestrianTraits,
+    robot: Robot,
+    pedestrian: Pedestrian,
+    turns: jax.Array,
+    walls: Walls,
+    word: jax.Array,
+    params: Params,
+) -> Encounter:
     """Close or open the gate after a step; a pedestrian that is first speaks at opening.
 
     turns: whether the pedestrian has just passed its way point; word: a random uint32, whose lower 16 bits, plus 1,
@@ -118,7 +141,7 @@ def advance(encounter, traits, robot, pedestrian, turns, walls, word, params):
     px, py = pedestrian.x - robot.x, pedestrian.y - robot.y
     distance = norm(px, py)
     grown = jnp.where(distance > encounter.distance, encounter.grown + 1, 0)
-    # Who leaves ends its encounter; whoever comes in its place may have one of its own.
+    # A pedestrian that leaves ends its encounter; one that comes in its place may have another.
     stays = encounter.is_open & (grown < 2) & pedestrian.present
     opens = ~encounter.met & pedestrian.present & _gate(px, py, pedestrian, robot, params)
 
@@ -177,7 +200,7 @@ def _walking_direction(pedestrian):
     """Unit vector toward where the pedestrian walks to: it has one even while standing."""
     x, y = pedestrian.target()
     x, y = x - pedestrian.x, y - pedestrian.y
-    # Who stands on its target walks nowhere: rounding must not become the gradient of a direction.
+    # A pedestrian on its target has no direction: rounding must not become the gradient of one.
     arrived = x * x + y * y <= 1e-12
     return tuple(jnp.where(arrived, jax.lax.stop_gradient(u), u) for u in unit(x, y))
 
@@ -188,7 +211,7 @@ def _is_crossing(robot, ux, uy):
 
 
 def _message(traits, robot, pedestrian, ux, uy, walls, params):
-    """What the pedestrian announces: stop when crossing, else its wider side; another one in a share of the cases."""
+    """The announced message: stop when crossing, else the wider side; another one in a share of the cases."""
     beams = jnp.zeros(2), jnp.array([1.0, -1.0])  # straight left and right
     x, y = pedestrian.x, pedestrian.y
     free_left, free_right = raycast(x, y, ux, uy, walls.near(x, y), beams, params.scan_range)

@@ -23,15 +23,26 @@ from .people import (
 )
 from .reward import RewardFunction, StepEvents, check_reward, find_reward
 from .robot import arc, twist_from_action
-from .types import NONE, Outcome, PedestrianTraits, Robot, SeenPedestrian, Snapshot, State
+from .types import (
+    NONE,
+    Action,
+    Observation,
+    Outcome,
+    PedestrianTraits,
+    Robot,
+    SeenPedestrian,
+    Snapshot,
+    State,
+    Walls,
+)
 from .walls import pad_walls, time_to_walls, walls_from_chains
 
 # The arc of a step is swept as two chords: at most 3 mm off at full speed and turn.
 _CHORDS = 2
 
 
-def body_reach(params):
-    """How far from where it starts the robot's body may get on a chord of its path, itself included, m (numpy)."""
+def body_reach(params: Params) -> np.ndarray:
+    """Reach of the robot's body on a chord of its path, from where it starts, itself included, m (numpy)."""
     max_v, dt, radius = (np.asarray(getattr(params, name)) for name in ("max_v", "dt", "robot_radius"))
     return max_v * dt / _CHORDS + radius
 
@@ -86,7 +97,7 @@ class World:
         sight = np.array([scenes.SIGHTS.index(scene.sight) for scene in self.scenes])
         self._sight = sight if sight.any() else None
 
-    def walls(self, scene):
+    def walls(self, scene: jax.Array | int) -> Walls:
         """`Walls` of the scene with that index."""
         if len(self.scenes) > 1:
             return _row(self._wall_table, scene)
@@ -108,7 +119,9 @@ class World:
         """`Params` of the people in its scenes; ValueError where they are not the same people."""
         return scenes.params_of(self.scenes)
 
-    def reset(self, key, params: Params, scene=None, seed=None) -> State:
+    def reset(
+        self, key: jax.Array, params: Params, scene: jax.Array | int | None = None, seed: jax.Array | int | None = None
+    ) -> State:
         """A new episode in a random scene, or in the one with index ``scene``. ValueError: either is out of range.
 
         seed: uint32, of its sensor noise; drawn if not given.
@@ -173,7 +186,7 @@ class World:
                 f"{self._cells.margin:.4g} m; give smaller ones, or load it with such a margin"
             )
 
-    def step(self, key, state: State, action, params: Params) -> tuple[State, Outcome]:
+    def step(self, key: jax.Array, state: State, action: Action, params: Params) -> tuple[State, Outcome]:
         """One control period of ``dt``: talk, walk, drive, touch, and see who speaks next. ``key`` draws the words."""
         walls = self.walls(state.scene)
         before, traits = state.robot, state.traits
@@ -224,12 +237,12 @@ class World:
         )  # fmt: skip
         return new, outcome
 
-    def observe(self, state: State, params: Params):
+    def observe(self, state: State, params: Params) -> Observation:
         """`Observation` of a state: a pure function, sensor noise included."""
         return self.observe_snapshot(self.snapshot(state), params)
 
     def snapshot(self, state: State) -> Snapshot:
-        """All that `observe` reads of a state, small: what replay stores."""
+        """All that `observe` reads of a state, in small types: replay stores it."""
         robot, encounters = state.robot, state.encounters
         small = ("message", "message_age", "request", "request_age", "reply")
         return Snapshot(
@@ -244,7 +257,7 @@ class World:
             past_views=state.past_views,
         )  # fmt: skip
 
-    def observe_snapshot(self, snapshot: Snapshot, params: Params):
+    def observe_snapshot(self, snapshot: Snapshot, params: Params) -> Observation:
         """`Observation` of a snapshot: the same, bit for bit, as at the time of acting."""
         sight = None if self._sight is None else jnp.asarray(self._sight)[snapshot.scene]
         return sensing.observe_snapshot(snapshot, self.walls(snapshot.scene), sight, self.config, params)
@@ -302,7 +315,7 @@ class World:
 
 
 def _row(table, scene):
-    """What a table of all scenes says of one."""
+    """The row of one scene in a table of all."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[scene], table)
 
 

@@ -1,11 +1,13 @@
-"""Where a walking pedestrian's legs are: still on the ground in stance, then past each other; together at rest.
+"""The legs of a walking pedestrian: on the ground in stance, then swung past each other; together at rest.
 
 Source: docs/world.md section 7.
 """
 
+import jax
 import jax.numpy as jnp
 
 from .geometry import norm
+from .params import Params
 
 LEG_RADIUS = 0.1  # of a leg, and its distance to the side of the middle, m
 _SLOW = 0.1  # speed below which the legs close up, m/s
@@ -14,12 +16,14 @@ _WALK_RATIO = 0.39
 _STANCE = 0.6  # share of a stride, two steps, for which a foot stays on the ground
 
 
-def leg_radius(params):
+def leg_radius(params: Params) -> jax.Array:
     """Radius of a leg: that of a body of up to 0.1 m; half of one of 0.2 m, where both legs fit beside each other."""
     return jnp.minimum(params.body_radius, LEG_RADIUS)
 
 
-def legs(x, y, vx, vy, t, seed, params):
+def legs(
+    x: jax.Array, y: jax.Array, vx: jax.Array, vy: jax.Array, t: jax.Array, seed: jax.Array, params: Params
+) -> tuple[jax.Array, jax.Array]:
     """(x, y) of all legs' middles, `[2 P]` each, right legs first, for pedestrians at x, y with vx, vy, `[P]` each.
 
     A pure function of how they move and the step ``t``: for an episode everybody keeps the cadence of

@@ -128,7 +128,7 @@ def _meet_crosswalk(u, robot_speed, speed):
     return (-4.2 * side, a[0], 3.8 * side, a[1]), straight(a[2], start * other, a[3], -4.6 * other)
 
 
-def straight(x, y, goal_x, goal_y):
+def straight(x: jax.Array, y: jax.Array, goal_x: jax.Array, goal_y: jax.Array) -> Route:
     """`Route` without a way point."""
     return x, y, goal_x, goal_y, goal_x, goal_y
 

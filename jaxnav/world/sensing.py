@@ -1,4 +1,4 @@
-"""What the robot senses, as a pure function of a `Snapshot`: pose history, scan, pedestrians, dialogue, grid maps."""
+"""Observations, pure functions of a `Snapshot`: pose history, scan, pedestrians, dialogue, grid maps."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import delays, dialogue, gait, lidar
+from .config import WorldConfig
 from .geometry import cross2d, to_frame
+from .params import Params
 from .scenes import SIGHTS
-from .types import NONE, Observation, ObservedDialogue, View
+from .types import NONE, Observation, ObservedDialogue, Pedestrian, Robot, SeenPedestrian, Snapshot, View, Walls
 
 GRID = 48
 CELL = 0.125  # metres; the map spans 6 x 6 m with the robot at its centre
@@ -17,12 +19,14 @@ UNKNOWN, ROBOT = 200 / 255, 100 / 255
 MAP_BODY_RADIUS = 0.3
 
 
-def cell_centres():
+def cell_centres() -> np.ndarray:
     """Centres of the grid cells `[48]`: x by row, ahead first; y by column, left first."""
     return (((GRID - 1) / 2 - np.arange(GRID)) * CELL).astype(np.float32)
 
 
-def observe_snapshot(snapshot, walls, sight, config, params):
+def observe_snapshot(
+    snapshot: Snapshot, walls: Walls, sight: jax.Array | None, config: WorldConfig, params: Params
+) -> Observation:
     """`Observation` of a snapshot; walls: those of its scene; sight: its index into `SIGHTS`, None for all."""
     cos, sin = jnp.cos(snapshot.heading), jnp.sin(snapshot.heading)
     goal = to_frame(snapshot.goal_x - snapshot.x, snapshot.goal_y - snapshot.y, cos, sin)
@@ -53,7 +57,7 @@ def observe_snapshot(snapshot, walls, sight, config, params):
     )
 
 
-def view(snapshot):
+def view(snapshot: Snapshot) -> View:
     """`View` of the moment of a snapshot."""
     seen = snapshot.pedestrians
     return View(
@@ -67,7 +71,7 @@ def _scan(snapshot, walls, config, params):
     seen = delays.recall(snapshot.past_views, view(snapshot), params.scan_latency)
     cos, sin = jnp.cos(seen.heading), jnp.sin(seen.heading)
     ranges = lidar.raycast(seen.x, seen.y, cos, sin, walls.near(seen.x, seen.y), directions, params.scan_range)
-    # Those who are not there stand where no beam goes.
+    # Absent pedestrians stand where no beam goes.
     x = jnp.where(seen.pedestrian_present, seen.pedestrian_x, seen.x + 2.0 * params.scan_range)
     discs, radius = (x, seen.pedestrian_y), params.body_radius
     if config.body == "legs":
@@ -80,7 +84,7 @@ def _scan(snapshot, walls, config, params):
     return ranges
 
 
-def nearest_first(seen, snapshot, config):
+def nearest_first(seen: SeenPedestrian, snapshot: Snapshot, config: WorldConfig) -> jax.Array:
     """Indices `[K]` of the nearest pedestrians."""
     count = min(config.nearest, config.pedestrians)
     if config.pedestrians == 1:
@@ -89,8 +93,10 @@ def nearest_first(seen, snapshot, config):
     return jax.lax.top_k(-jnp.where(seen.present, squared, jnp.inf), count)[1]
 
 
-def in_sight_of(robot, pedestrians, walls, sight):
-    """Whether pedestrians `[K]` are given to the robot: all, those whom no wall hides, or none, as `SIGHTS` says."""
+def in_sight_of(
+    robot: Robot | Snapshot, pedestrians: Pedestrian | SeenPedestrian, walls: Walls, sight: jax.Array
+) -> jax.Array:
+    """Whether pedestrians `[K]` are given to the robot: all, those that no wall hides, or none, as `SIGHTS` says."""
 
     def hidden(blocked, wall):
         ax, ay, bx, by, solid = wall
@@ -108,7 +114,9 @@ def in_sight_of(robot, pedestrians, walls, sight):
     return (sight == SIGHTS.index("all")) | ((sight == SIGHTS.index("line")) & ~blocked)
 
 
-def pedestrian_list(pedestrians, in_sight, snapshot, cos, sin):
+def pedestrian_list(
+    pedestrians: SeenPedestrian, in_sight: jax.Array, snapshot: Snapshot, cos: jax.Array, sin: jax.Array
+) -> jax.Array:
     """`[K, 4]` x, y, vx, vy of pedestrians in the robot frame, 0 where they are not in sight."""
     x, y = to_frame(pedestrians.x - snapshot.x, pedestrians.y - snapshot.y, cos, sin)
     vx, vy = to_frame(pedestrians.vx, pedestrians.vy, cos, sin)
@@ -127,9 +135,13 @@ def _dialogue(seen, config):
 
 
 class SensorTables(NamedTuple):
-    """What turns a scan into a `sensor_map`: of every cell `[24, 48]` in front of the robot (behind it nothing is
-    measured) the beam nearest to its centre, and from which range to which that ends in the cell; and of every cell
-    `[48, 48]` how far away it is."""
+    """The geometry by which a scan becomes a `sensor_map`. Behind the robot nothing is measured.
+
+    beam:     `[24, 48]` index of the beam nearest to the centre of each cell in front of the robot.
+    nearest:  `[24, 48]` range from which that beam ends in the cell, m.
+    farthest: `[24, 48]` range to which it does, m.
+    distance: `[48, 48]` distance of each cell from the robot, m.
+    """
 
     beam: np.ndarray
     nearest: np.ndarray
@@ -137,7 +149,7 @@ class SensorTables(NamedTuple):
     distance: np.ndarray
 
 
-def sensor_tables(beams):
+def sensor_tables(beams: int) -> SensorTables:
     """The `SensorTables` of a scan of that many beams."""
     x, y = np.meshgrid(cell_centres(), cell_centres(), indexing="ij")
     distance, angle = np.hypot(x, y), np.arctan2(y, x)
@@ -147,7 +159,7 @@ def sensor_tables(beams):
     return SensorTables(beam[ahead], (distance - half)[ahead], (distance + half)[ahead], distance)
 
 
-def sensor_map(scan, params):
+def sensor_map(scan: jax.Array, params: Params) -> jax.Array:
     """`[48, 48]` map of a scan: free 1, hit 0, unknown or behind a hit 200 / 255, the robot itself 100 / 255.
 
     Each cell is judged by the beam nearest to its centre: hit where the range ends within the cell.
@@ -162,7 +174,7 @@ def sensor_map(scan, params):
     return jnp.where(tables.distance <= params.robot_radius, ROBOT, whole)
 
 
-def pedestrian_map(listed, in_sight):
+def pedestrian_map(listed: jax.Array, in_sight: jax.Array) -> jax.Array:
     """`[3, 48, 48]` occupancy, vx, vy of those ``listed`` `[K, 4]`, in sight and within 3 m; the nearest on top."""
     cells = cell_centres()
     channels = jnp.zeros((3, GRID, GRID))

@@ -62,7 +62,7 @@ class Walls:
     cells: WallCells | None = None
     listed: jax.Array | None = None
 
-    def near(self, x, y):
+    def near(self, x: jax.Array, y: jax.Array) -> "Walls":
         """These walls, of which only those ``listed`` `[K]` count: all that can be seen or touched from (x, y)."""
         if self.cells is None:
             return self
@@ -72,7 +72,7 @@ class Walls:
         row = jnp.clip(jnp.floor((y - cells.y) / cells.size), 0, rows - 1).astype(jnp.int32)
         return self.replace(cells=None, listed=jnp.asarray(cells.walls)[row, column])
 
-    def segments(self):
+    def segments(self) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]:
         """(ax, ay, bx, by, solid), each `[W]`, or `[K]` where only some are listed: both ends of every wall."""
         if self.listed is None:
             return self.x[:-1], self.y[:-1], self.x[1:], self.y[1:], self.solid
@@ -113,7 +113,7 @@ class Pedestrian:
     turned: jax.Array
     present: jax.Array
 
-    def target(self):
+    def target(self) -> tuple[jax.Array, jax.Array]:
         """(x, y) of where it walks to now."""
         return jnp.where(self.turned, self.goal_x, self.via_x), jnp.where(self.turned, self.goal_y, self.via_y)
 
