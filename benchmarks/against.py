@@ -1,4 +1,4 @@
-"""How fast this checkout is beside another one: the world's programs and a chunk of training, in pairs of processes.
+"""The speed of this checkout beside another one: the world's programs and a chunk of training, in pairs of processes.
 
 A pair is one fresh process of each checkout, one right after the other, and which of them is first alternates: a
 machine that slows down slows both. Each checkout runs its own benchmarks/world.py, and trains the preset quick through
@@ -52,7 +52,7 @@ def chunk_times(checkout: pathlib.Path, python: str, chunks: int) -> dict[str, f
 
 
 def run(checkout: pathlib.Path, python: str, command: list[str]) -> str:
-    """What a Python process in that checkout prints. Exits if it fails."""
+    """The output of a Python process in that checkout. Exits if it fails."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "JAX_COMPILATION_CACHE_DIR": CACHE.name}
     done = subprocess.run([python, *command], cwd=checkout, env=environment, capture_output=True, text=True)
     if done.returncode:

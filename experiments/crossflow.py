@@ -1,4 +1,4 @@
-"""What brings hybrid SAC nearer to the planner in crossflow, the scene in which it is furthest behind.
+"""Changes that might bring hybrid SAC nearer to the planner in crossflow, the scene in which it is furthest behind.
 
 python -m experiments.crossflow --help
 """
@@ -75,12 +75,12 @@ def configuration(name, steps):
 
 
 def identity_of(name, steps):
-    """What decides on the row of a variant or of the planner."""
+    """The configuration that decides on the row of a variant or of the planner."""
     return to_json(configuration(UNCHANGED, steps).world if name == PLANNER else configuration(name, steps))
 
 
 def row(name, summary, seeds):
-    """What is written of plays `[seeds, episodes]`; seeds: none of the planner."""
+    """The row of plays `[seeds, episodes]`; seeds: none of the planner."""
     return {
         "suite": "hard", "scene": SCENE, "method": name, "budget": "trained" if seeds else "none", "seeds": seeds,
         "episodes": summary.arrived.shape[1], **methods.measures(summary), "arrived": packed(summary.arrived),

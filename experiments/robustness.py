@@ -1,4 +1,4 @@
-"""What a robot is worth outside of the world it was trained in: other people, noise, crowds and delay.
+"""Success outside of the world of training: other people, noise, crowds and delay.
 
 python -m experiments.robustness --help
 """

@@ -91,7 +91,7 @@ class Study:
 
 
 def command(program: str) -> str:
-    """What starts a program."""
+    """The command that starts a program."""
     return f"python -m experiments.{program}"
 
 
@@ -141,7 +141,7 @@ def make_folder(out: pathlib.Path, option: str = "--out") -> None:
 
 
 def stored(path: pathlib.Path, identity: dict[str, Any], field: str, empty: Any) -> Any:
-    """What an earlier call left in ``field`` of the JSON file ``path``; ``empty`` if there is no such file.
+    """Read ``field`` of the JSON file ``path`` of an earlier call; ``empty`` if there is no such file.
 
     UserError: it is no result of the program, or of another configuration: its values of ``identity`` are others.
     """
@@ -163,7 +163,7 @@ def stored(path: pathlib.Path, identity: dict[str, Any], field: str, empty: Any)
 
 
 def plain(value: Any) -> Any:
-    """What JSON makes of a value."""
+    """A value as JSON gives it back: tuples are lists."""
     return json.loads(json.dumps(value))
 
 

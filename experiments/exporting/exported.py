@@ -80,7 +80,7 @@ def configuration(options, suite):
 
 
 def drive(suite, options, console):
-    """How the same episodes of a suite end, whoever drives."""
+    """The ends of the same episodes of a suite, driven by each form of the policy and by an adversary."""
     run, actor = study.trained(configuration(options, suite), suite, console)
     scenes = len(run.world.scenes)
     each, many, worlds = (math.ceil(n / scenes) for n in (options.episodes, options.drives, options.worlds))

@@ -19,7 +19,7 @@ from jaxnav.world.types import REPLIES
 
 
 class Ends(NamedTuple):
-    """How episodes ended, `[episodes]` each."""
+    """The ends of episodes, `[episodes]` each."""
 
     arrived: np.ndarray
     collided: np.ndarray
@@ -143,14 +143,14 @@ def laser(scans, run):
 
 
 class _Voices:
-    """What a `Navigator` hears of the people of one world: every message and answer once, when it is given."""
+    """The people of one world as a `Navigator` hears them: every message and answer once, when it is given."""
 
     def __init__(self, run, rng):
         self._phrases, self._rng = run.agent.can_hear, rng
         self._queue, self._replies = collections.deque(), 0
 
     def next(self, heard):
-        """What is heard now, None for nothing. heard: (encounters, observed dialogues, words) of the world."""
+        """The message that is heard now, None for none. heard: (encounters, observed dialogues, words) of the world."""
         encounters, dialogue, words = heard
         for k in np.flatnonzero((dialogue.message != 0) & (dialogue.message_age == 0)):
             self._queue.append(words[k] if self._phrases else MESSAGE_NAMES[dialogue.message[k]])

@@ -73,7 +73,7 @@ def drawn(count):
 
 
 def compare(name, options, console):
-    """What `Policy` computes beside the JAX policy, in states drawn from episodes, and replayed in every Python."""
+    """Compare `Policy` with the JAX policy in states drawn from episodes, and replay its outputs in every Python."""
     run, actor = untrained(name)
     states, voice = drawn(options.states), np.random.default_rng(_SEED).random(options.states) < 0.75
     with tempfile.TemporaryDirectory() as folder:

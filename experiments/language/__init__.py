@@ -1,1 +1,1 @@
-"""What people's sentences are worth, and how well they are understood."""
+"""The worth of people's sentences, and how well they are understood."""

@@ -1,4 +1,4 @@
-"""How well unheard sentences can be understood from embeddings: encoders, layers, heads, with and without sides.
+"""Understanding of unheard sentences from embeddings: encoders, layers, heads, with and without sides.
 
 python -m experiments.language.held_out_patterns --help
 """

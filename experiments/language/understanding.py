@@ -1,4 +1,4 @@
-"""What people's words are worth to a learnt robot: how well it understands them, and what a misunderstanding costs.
+"""The worth of people's words to a learnt robot: how well it understands them, and the cost of a misunderstanding.
 
 python -m experiments.language.understanding --help
 """
@@ -56,7 +56,7 @@ class Options:
         study.check_seed(self.seed)
 
     def seeds_of(self, suite):
-        """How many robots of each kind a suite has."""
+        """The number of robots of each kind in a suite."""
         return min(self.seeds, 2) if suite == "parity" else self.seeds
 
 
@@ -103,7 +103,7 @@ def configuration(options, suite, robot, seed):
 
 
 def trained_as(options, suite, robot):
-    """What decides on how a robot is trained: all of a configuration but its name, seed and folder."""
+    """All of a configuration but its name, seed and folder: it decides on the training of a robot."""
     whole = to_json(configuration(options, suite, robot, 0))
     return {name: value for name, value in whole.items() if name not in ("preset", "seed", "out", "resume")}
 

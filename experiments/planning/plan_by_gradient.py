@@ -117,7 +117,7 @@ def programs(world, options):
 
 
 def play_scene(name, options, advance):
-    """What every robot comes to in one scene, by name, and how plans get better, `[iterations + 1]` each."""
+    """Results of every robot in one scene, by name, and those of the plans by iteration, `[iterations + 1]` each."""
     (world, scene), params = world_of(name), default_params((name,))
     found = {}
     for robot, program in programs(world, dataclasses.replace(options, scenes=(), out=study.RESULTS)).items():

@@ -1,4 +1,4 @@
-"""What words are worth: a planner that uses the dialogue beside its deaf and its muted twin, in every scene.
+"""The worth of words: a planner that uses the dialogue beside its deaf and its muted twin, in every scene.
 
 python -m experiments.planning.value_of_dialogue --help
 """

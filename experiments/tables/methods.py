@@ -67,7 +67,7 @@ SCRIPTED = {
 
 
 def tuned_hyperparameters(algo):
-    """What tuning chose for an algorithm; UserError: it was not tuned."""
+    """The hyperparameters that tuning chose for an algorithm; UserError: it was not tuned."""
     try:
         return json.loads(TUNED.read_text())["algorithms"][algo]["best"]
     except (OSError, ValueError, KeyError) as error:
@@ -120,7 +120,7 @@ class Playing:
 
 
 class Programs:
-    """What is compiled once for a method in a group of scenes: training all seeds, and playing one."""
+    """The programs of a method in a group of scenes, compiled once: one trains all seeds, one plays a seed."""
 
     def __init__(self, config, seeds, is_told=False, phrases="test"):
         self.agent = make_agent(config)

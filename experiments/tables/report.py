@@ -57,7 +57,7 @@ PAPER = {
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """What a table has a place for: all scenes of its suites, with all methods and budgets that its rows name.
+    """The places of a table: all scenes of its suites, with all methods and budgets that its rows name.
 
     suites: {suite: its scenes}; methods: {budget of training: learnt methods, "none": scripted robots}.
     rows: {(suite, budget, scene, method): row}, of scripted robots for every budget.
@@ -134,7 +134,7 @@ def markdown(result):
 
 
 def _facts(result):
-    """What one has to know to read the tables: a list of Markdown."""
+    """The facts needed to read the tables: a list of Markdown."""
     rows, facts = result["rows"], []
     learnt = [row for row in rows if row["budget"] != "none"]
     if learnt:

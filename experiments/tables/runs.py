@@ -29,7 +29,7 @@ class Runs:
         study.make_folder(folder, "--runs")
 
     def identity(self, config):
-        """What decides on what is trained: all of a configuration but names and folders."""
+        """All of a configuration but names and folders: it decides on the training."""
         whole = to_json(config)
         for name in ("preset", "seed", "out", "resume"):
             whole.pop(name)
@@ -70,7 +70,7 @@ class Runs:
             )  # fmt: skip
 
     def training(self, folder, config):
-        """What is known of a training; UserError: it had another configuration."""
+        """The contents of a training's training.json; UserError: it had another configuration."""
         path = folder / "training.json"
         try:
             meta = json.loads(path.read_text())

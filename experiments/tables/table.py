@@ -1,4 +1,4 @@
-"""What the three tables share: options, and rows of robots that are trained and played as far as they are missing."""
+"""The common part of the three tables: options, and rows of robots, trained and played where they are missing."""
 
 import dataclasses
 import json
@@ -119,7 +119,7 @@ class Table:
         return result
 
     def train_seconds(self, rows):
-        """Of all trainings of a table: both budgets are one, and so are methods that differ in how they are played."""
+        """Seconds of all trainings of a table: budgets, and methods that differ only in play, share a training."""
         longest = {}
         for row in rows:
             if row["budget"] != "none":

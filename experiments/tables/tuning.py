@@ -74,7 +74,7 @@ def configuration(algo):
 
 
 def tune(algo, options, console):
-    """What is written of an algorithm."""
+    """The row of an algorithm."""
     config = configuration(algo)
     rng, start = np.random.default_rng(options.seed), time.monotonic()
     values = {
