@@ -79,8 +79,8 @@ class Run:
         )
         self.evaluator = evaluator_of(self.world, self.params)
         self.hyper = jax.tree.map(jnp.float32, config.hyper)
-        named, sources = plugins.described(config)
-        compared = to_json(named)
+        # As JSON: the copies that it names need not be there yet.
+        compared, sources = plugins.described(to_json(config))
         for *path, name in (field.split(".") for field in _FREE_FIELDS):
             functools.reduce(dict.get, path, compared).pop(name)
         if layout.shards > 1:  # runs from before there were any have one
@@ -129,8 +129,8 @@ class Run:
                 check_memory(self.config, self.trainer.bytes_per_transition, self.layout.share_in_memory)
                 if not self.config.resume:
                     self.files.create()
-                    named, sources = plugins.keep(self.config, self.folder)
-                    stored = {"config": to_json(named), "sources": sources, "shards": self.layout.shards}
+                    named, sources = plugins.keep(to_json(self.config), self.folder)
+                    stored = {"config": named, "sources": sources, "shards": self.layout.shards}
                     self.files.write_config(stored | {"embeddings": self._embeddings()} | provenance())
 
     def _check_resumable(self):
