@@ -14,6 +14,7 @@ from .errors import UserError
 from .statistics import paired_difference
 from .training.config import RunConfig, resolve
 from .training.devices import is_first, layout_on, together
+from .training.elsewhere import in_scenes
 from .training.evaluation import Evaluator, evaluator_of, metrics
 from .training.policy import Policy
 from .training.rollout import Episode
@@ -234,7 +235,7 @@ def _where(player: Any, world: World | None, params: Params | None, scene: str |
         config = player.config if isinstance(player, Policy) else None
         if config is None:
             raise UserError(f"scene is {scene!r} without a run: give the folder of a run, or a world")
-        settings = config.of_scenes(scene).world
+        settings = in_scenes(config, scene).world
         return settings.world(), params or settings.params
     if world is not None:
         return world, params or world.default_params

@@ -10,7 +10,7 @@ from ..errors import UserError
 
 STARTED = time.monotonic()  # training time counts from here, so that importing a command's libraries counts
 
-COMMANDS = ("train", "sweep", "evaluate", "render", "export", "talk", "understand", "language")
+COMMANDS = ("train", "sweep", "evaluate", "compare", "render", "export", "talk", "understand", "language")
 
 _HELP = """jaxnav: a 2D world of pedestrians, and a robot in it that learns to steer and to talk.
 
@@ -19,6 +19,7 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   train            train a robot, evaluate, draw and export it; without options: the quick preset, CPU minutes
   sweep FILE       search for hyperparameters: hundreds of learners at once, the worst stopped early
   evaluate RUN     play a run's policy again: more episodes, other seeds
+  compare RUN RUN  play runs on the same episodes: which is first, and is that certain?
   render RUN       draw a run's pictures again
   export RUN       write a run's policy as a folder for a robot: torch and numpy, no JAX
   talk RUN         speak for a pedestrian while a run's robot drives, and see what it understands, does and says
@@ -34,6 +35,9 @@ usage: jaxnav COMMAND [options]      jaxnav COMMAND --help explains the options
   jaxnav sweep experiments/sweeps/hard.py --trials 60 --members 8
   jaxnav train --from-sweep runs/sweeps/hard       train with what a sweep has found
   jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
+  jaxnav compare runs/quick-0 runs/td3-quick-0
+  jaxnav evaluate runs/quick-0 --scene hard        play it where it was not trained
+  jaxnav train --scene door.py:door                a scene of your own, one file
   jaxnav export runs/quick-0 --onnx
   jaxnav export --verify runs/quick-0/bundle
   jaxnav talk runs/quick-0 --scene hallway

@@ -2,61 +2,46 @@
 
 import dataclasses
 import json
-from typing import Annotated
 
-import tyro
 from rich.console import Console
 
-from ..errors import UserError
-from .options import EPISODES, check_policy, check_seed, enable_compilation_cache, parse
+from .. import fields
+from .options import EPISODES, EpisodeOptions, Flag, RunFolder, enable_compilation_cache, open_run, parse, run_folder
 from .output import print_result
 
 
 @dataclasses.dataclass(frozen=True)
-class _EvaluateOptions:
-    """Play a run's policy: the seven metrics of each scene, with 95 % Wilson intervals.
+class _Options(EpisodeOptions):
+    """Play a run's policy, its muted twin and a robot that drives straight: the metrics of each scene."""
 
-    Args:
-        run: the run's folder.
-        episodes: in each scene.
-        seed: of the episodes.
-        scene: all, or one scene of the run.
-        policy: last, or best: the one with the best evaluation during training.
-        phrases: what people say: test, sentences of patterns never heard in training; validation; or train.
-        json: print one JSON object instead of a table.
-    """
-
-    run: Annotated[str, tyro.conf.Positional]
-    episodes: int = EPISODES
-    seed: int = 0
-    scene: str = "all"
-    policy: str = "last"
-    phrases: str = "test"
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    run: RunFolder = run_folder()
+    episodes: int = fields.whole(EPISODES, low=1, high=1_000_000, doc="episodes in each scene")
+    phrases: str = fields.choice(
+        "test",
+        ("test", "validation", "train"),
+        doc="phrases that people say; patterns of test were never heard in training",
+    )
+    json: Flag = fields.flag(False, doc="print one JSON object, no table")
 
 
-def command(arguments):
-    from ..training.run import Run
+_EXAMPLES = """\
+  jaxnav evaluate runs/quick-0 --episodes 2000 --seed 7
+  jaxnav evaluate runs/quick-0 --scene hard               scenes in which it was not trained
+  jaxnav evaluate runs/quick-0 --scene door.py:door --json
+"""
 
-    options = parse(_EvaluateOptions, arguments, "evaluate")
-    if not 1 <= options.episodes <= 1_000_000:
-        raise UserError(f"--episodes is {options.episodes}: give a whole number from 1 to 1000000")
-    check_seed(options.seed)
-    check_policy(options.policy)
-    if options.phrases not in ("train", "validation", "test"):
-        raise UserError(f"--phrases {options.phrases!r} is unknown: choose test, validation or train")
+
+def command(arguments: list[str]) -> None:
+    options = parse(_Options, arguments, "evaluate", _EXAMPLES)
     enable_compilation_cache()
-    run = Run.open(options.run)
-    scenes = [scene.name for scene in run.world.scenes]
-    if options.scene not in ("all", *scenes):
-        raise UserError(f"--scene {options.scene!r} is not in this run: choose all or one of {', '.join(scenes)}")
-    policy = run.policy(options.policy)
+    opened = open_run(options.run, options.policy, options.scene)
     with Console(stderr=True).status("evaluating"):
-        result = run.evaluator.evaluate(policy, options.policy, options.episodes, options.seed, options.phrases)
-    if run.agent.can_hear:
+        result = opened.run.evaluator.evaluate(
+            opened.policy, options.policy, options.episodes, options.seed, options.phrases
+        )
+    if opened.policy.learner.can_hear:
         result["phrases"] = options.phrases
-    if options.scene != "all":
-        result["scenes"] = {options.scene: result["scenes"][options.scene]}
+    result |= opened.elsewhere
     if options.json:
         print(json.dumps(result))
     else:

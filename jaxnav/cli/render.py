@@ -1,39 +1,35 @@
 """jaxnav render: a run's pictures drawn again."""
 
 import dataclasses
-from typing import Annotated
+import re
 
-import tyro
 from rich.console import Console
 
-from .options import EPISODES, check_policy, check_seed, enable_compilation_cache, parse
+from .options import EPISODES, EpisodeOptions, RunFolder, enable_compilation_cache, open_run, parse, run_folder
 
 
 @dataclasses.dataclass(frozen=True)
-class _RenderOptions:
-    """Draw a run's pictures again: trajectories.png, episode.gif, learning_curve.png.
+class _Options(EpisodeOptions):
+    """Draw a run's pictures again: trajectories.png, episode.gif, learning_curve.png."""
 
-    Args:
-        run: the run's folder.
-        seed: of the episodes.
-        policy: last, or best: the one with the best evaluation during training.
-    """
-
-    run: Annotated[str, tyro.conf.Positional]
-    seed: int = 0
-    policy: str = "last"
+    run: RunFolder = run_folder()
 
 
-def command(arguments):
+_EXAMPLES = """\
+  jaxnav render runs/quick-0 --seed 7 --policy best
+  jaxnav render runs/quick-0 --scene hard                 pictures into runs/quick-0/hard/
+"""
+
+
+def command(arguments: list[str]) -> None:
     from ..render.of_run import draw_run
-    from ..training.run import Run
 
-    options = parse(_RenderOptions, arguments, "render")
-    check_seed(options.seed)
-    check_policy(options.policy)
+    options = parse(_Options, arguments, "render", _EXAMPLES)
     enable_compilation_cache()
-    run = Run.open(options.run)
-    policy = run.policy(options.policy)
+    opened = open_run(options.run, options.policy, options.scene)
+    run, folder = opened.run, None
+    if options.scene:
+        folder = run.folder / re.sub(r"[^\w-]+", "-", options.scene)
     with Console(stderr=True).status("drawing"):
-        paths = draw_run(run, policy, options.seed, EPISODES)
+        paths = draw_run(run, opened.policy, options.seed, EPISODES, folder)
     print("\n".join(str(path) for path in paths))

@@ -1,79 +1,74 @@
 """jaxnav talk: a conversation with a run's robot while it drives."""
 
 import dataclasses
+import functools
 import pathlib
 import re
-import sys
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
+from .. import fields
 from ..errors import UserError, remedy
-from .options import check_policy, check_seed, enable_compilation_cache, parse
+from .options import EpisodeOptions, RunFolder, enable_compilation_cache, parse, run_folder, tolerate_any_encoding
 from .understand import interpreter_of, log_to_stderr, open_hearing
+
+if TYPE_CHECKING:
+    from ..talk import Conversation
 
 _MOST_STEPS = 100  # that a number at the prompt lets pass
 
 
 @dataclasses.dataclass(frozen=True)
-class _TalkOptions:
+class _Options(EpisodeOptions):
     """Speak for a pedestrian while a run's robot drives: see what it understands, does and says.
 
-    At each prompt type what the nearest pedestrian says, or nothing: an empty line lets a step pass (0.4 s), a number
-    that many seconds. "quit" ends.
-
-    Args:
-        run: the run's folder.
-        scene: a scene of the run; the first one if not given.
-        seed: of the episode.
-        policy: last, or best: the one with the best evaluation during training.
-        script: a conversation to replay instead: lines of seconds and a sentence, like "2.0 I'm in a hurry".
-        gif: where to draw what happened.
-        speaker: who words what the robot says: templates, or llm: the server that OPENAI_BASE_URL, OPENAI_MODEL and
-            OPENAI_API_KEY name.
-        interpreter: who reads what people say: embedding, the policy's own ears, or llm.
+    At each prompt type what the nearest pedestrian says. An empty line lets a step pass (0.4 s), a number that many
+    seconds; "quit" ends.
     """
 
-    run: Annotated[str, tyro.conf.Positional]
-    scene: str = ""
-    seed: int = 0
-    policy: str = "last"
-    script: str = ""
-    gif: str = ""
-    speaker: str = "templates"
-    interpreter: str = "embedding"
+    run: RunFolder = run_folder()
+    script: str = fields.text(
+        "", allowed="a path", doc='conversation to replay: lines of seconds and a sentence, like "2.0 I\'m in a hurry"'
+    )
+    gif: str = fields.text("", allowed="a path that ends in .gif", doc="where to draw what happened")
+    speaker: str = fields.choice(
+        "templates",
+        ("templates", "llm"),
+        doc="who words what the robot says; llm: the server of OPENAI_BASE_URL, OPENAI_MODEL and OPENAI_API_KEY",
+    )
+    interpreter: str = fields.choice(
+        "embedding", ("embedding", "llm"), doc="who reads what people say: the policy itself, or llm"
+    )
 
 
-def command(arguments):
+_EXAMPLES = """\
+  jaxnav talk runs/quick-0 --scene hallway
+  jaxnav talk runs/quick-0 --script conversation.txt --gif talk.gif
+"""
+
+
+def command(arguments: list[str]) -> None:
     from ..language.interpreter import LanguageModelInterpreter
     from ..language.llm import LanguageModel
     from ..language.speaker import LanguageModelSpeaker, TemplateSpeaker
     from ..talk import Conversation, read_script
 
-    options = parse(_TalkOptions, arguments, "talk")
-    check_seed(options.seed)
-    check_policy(options.policy)
-    for name, choices in (("speaker", ("templates", "llm")), ("interpreter", ("embedding", "llm"))):
-        if getattr(options, name) not in choices:
-            raise UserError(f"--{name} {getattr(options, name)!r} is unknown: choose {' or '.join(choices)}")
+    options = parse(_Options, arguments, "talk", _EXAMPLES)
     gif = pathlib.Path(options.gif) if options.gif else None
     if gif is not None and (gif.suffix.lower() != ".gif" or not gif.absolute().parent.is_dir()):
         raise UserError(f"--gif is {options.gif}: give a file that ends in .gif, in a folder that exists")
     script = read_script(pathlib.Path(options.script)) if options.script else None
     enable_compilation_cache()
     log_to_stderr()
-    model = LanguageModel.from_environment() if "llm" in (options.speaker, options.interpreter) else None
-    policy = open_hearing(options.run, options.policy)
-    names = [scene.name for scene in policy.world.scenes]
-    if options.scene and options.scene not in names:
-        raise UserError(f"--scene {options.scene!r} is not in this run: choose one of {', '.join(names)}")
-    ears = interpreter_of(policy)
-    interpreter = LanguageModelInterpreter(model, ears) if options.interpreter == "llm" else ears
-    speaker = LanguageModelSpeaker(model) if options.speaker == "llm" else TemplateSpeaker()
-    scene = names.index(options.scene) if options.scene else 0
-    conversation = Conversation(policy, scene, options.seed, interpreter, speaker)
+    model = functools.cache(LanguageModel.from_environment)
+    speaker = LanguageModelSpeaker(model()) if options.speaker == "llm" else TemplateSpeaker()
+    reads = model() if options.interpreter == "llm" else None
+    opened = open_hearing(options.run, options.policy, options.scene)
+    interpreter = interpreter_of(opened.policy)
+    if reads is not None:
+        interpreter = LanguageModelInterpreter(reads, interpreter)
+    conversation = Conversation(opened.policy, 0, options.seed, interpreter, speaker)
     show = _Show(conversation)
-    sys.stdin.reconfigure(errors="replace")
+    tolerate_any_encoding()
     try:
         _replay(conversation, script, show) if script is not None else _converse(conversation, show)
     except (EOFError, KeyboardInterrupt):
@@ -86,26 +81,26 @@ def command(arguments):
         from ..render.animation import animate
 
         try:
-            animate(policy.world, conversation.params, [conversation.episode()], gif)
+            animate(opened.run.world, conversation.params, [conversation.episode()], gif)
         except OSError as error:
             raise UserError(f"--gif {gif} can't be written ({error.strerror}): {remedy(error)}") from error
         print(f"drawn in {gif}")
 
 
 class _Show:
-    """Prints what is new: what was said and what was understood."""
+    """Prints the sentences, and what was understood of them, that it hasn't printed yet."""
 
-    def __init__(self, conversation):
+    def __init__(self, conversation: "Conversation"):
         self._conversation, self._said = conversation, 0
 
-    def __call__(self):
+    def __call__(self) -> None:
         said = self._conversation.said
         for seconds, speaker, sentence in said[self._said :]:
             print(f"{seconds:5.1f} s  {speaker}: {sentence}")
         self._said = len(said)
 
 
-def _replay(conversation, script, show):
+def _replay(conversation: "Conversation", script: list[tuple[float, str]], show: _Show) -> None:
     """Play the episode to its end, and say every sentence at its time."""
     left = list(script)
     while not conversation.ended:
@@ -117,7 +112,7 @@ def _replay(conversation, script, show):
         print(f"not said, the episode was over: {seconds:g} {sentence}")
 
 
-def _converse(conversation, show):
+def _converse(conversation: "Conversation", show: _Show) -> None:
     """Ask the user at every step, until the episode ends."""
     from ..talk import scene_map
 

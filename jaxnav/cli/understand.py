@@ -4,43 +4,55 @@ import dataclasses
 import json
 import logging
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
 
+from .. import fields
 from ..errors import UserError
-from .options import check_policy, enable_compilation_cache, parse
+from .options import (
+    Flag,
+    Opened,
+    PolicyOptions,
+    enable_compilation_cache,
+    open_run,
+    parse,
+    run_folder,
+    tolerate_any_encoding,
+)
+
+if TYPE_CHECKING:
+    from ..language.interpreter import PolicyInterpreter
+    from ..training.policy import Policy
 
 
 @dataclasses.dataclass(frozen=True)
-class _UnderstandOptions:
-    """What sentences mean to a run's policy: silence, stop, right or left, and how sure it is.
+class _Options(PolicyOptions):
+    """Tell what sentences mean to a run's policy: silence, stop, right or left, and how sure it is."""
 
-    Args:
-        text: sentences; without any, one a line from standard input.
-        run: the run's folder.
-        json: print one JSON object a line: text, message, confidence.
-        policy: last, or best: the one with the best evaluation during training.
-    """
-
-    run: str
-    text: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    policy: str = "last"
+    run: str = run_folder()
+    text: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="TEXT ...")] = fields.other(
+        (), allowed="any text", doc="sentences; without any, the lines of standard input"
+    )
+    json: Flag = fields.flag(False, doc="print a JSON object per line: text, message, confidence")
 
 
-def command(arguments):
-    options = parse(_UnderstandOptions, arguments, "understand")
-    check_policy(options.policy)
+_EXAMPLES = """\
+  jaxnav understand --run runs/quick-0 "I'm in a hurry" "Watch out on your right!"
+"""
+
+
+def command(arguments: list[str]) -> None:
+    options = parse(_Options, arguments, "understand", _EXAMPLES)
     enable_compilation_cache()
     log_to_stderr()
-    ears = interpreter_of(open_hearing(options.run, options.policy))
+    interpreter = interpreter_of(open_hearing(options.run, options.policy).policy)
     if not options.text and sys.stdin.isatty():
         Console(stderr=True).print("a sentence a line; Ctrl-D ends")
-    sys.stdin.reconfigure(errors="replace")
+    tolerate_any_encoding()
     for text in options.text or (line.rstrip("\r\n") for line in sys.stdin):
-        found = ears.read(text)
+        found = interpreter.read(text)
         if options.json:
             row = {"text": text, "message": found.name, "confidence": round(found.confidence, 4)}
             print(json.dumps(row), flush=True)
@@ -49,29 +61,29 @@ def command(arguments):
             print(f"{found.name:8} {found.confidence:.2f}  {found.text}{doubt}", flush=True)
 
 
-def open_hearing(folder, policy):
-    """The `Policy` of a run. UserError: its robot hears messages, no sentences."""
-    from ..training.run import Run
-
-    run = Run.open(folder)
-    if not run.agent.can_hear or not run.config.world.hearing:
+def open_hearing(folder: str, which: str, scenes: str = "") -> Opened:
+    """`open_run` of a run whose robot hears sentences. UserError: it doesn't."""
+    opened = open_run(folder, which, scenes)
+    if not opened.policy.learner.can_hear or not opened.run.config.world.hearing:
         raise UserError(
             f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
         )
-    return run.policy(policy)
+    return opened
 
 
-def interpreter_of(policy):
+def interpreter_of(policy: "Policy") -> "PolicyInterpreter":
+    """The interpreter of sentences that a policy is itself."""
     import jax
 
     from ..language.interpreter import PolicyInterpreter
     from ..language.table import Embedder, default_table
 
-    heard = jax.jit(policy.learner.understand)
+    heard = jax.jit(policy.learner.understand)  # pyright: ignore[reportAttributeAccessIssue] (of those that can hear)
     return PolicyInterpreter(Embedder(default_table()), lambda words: heard(policy.parameters, words))
 
 
-def log_to_stderr():
+def log_to_stderr() -> None:
+    """Show what jaxnav.language warns of."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(message)s"))
     log = logging.getLogger("jaxnav.language")

@@ -2,6 +2,7 @@
 
 import pathlib
 
+from ..errors import UserError, remedy
 from ..files import write_atomically
 from ..training.policy import Policy
 from ..training.rollout import Episode, EpisodeSummary
@@ -9,22 +10,33 @@ from ..training.run import Run
 from . import animation, figures
 
 
-def draw_run(run: Run, policy: Policy, seed: int, episodes: int) -> list[pathlib.Path]:
+def draw_run(
+    run: Run, policy: Policy, seed: int, episodes: int, folder: pathlib.Path | None = None
+) -> list[pathlib.Path]:
     """Draw the pictures of a run's policy among ``episodes`` of each scene. Returns their paths.
+
+    folder: where to draw what happens in other scenes than the run's, without the learning curve; the run's folder if
+        not given.
 
     UserError: one can't be written.
     """
-    lines = run.files.metrics()
     worth = _worth_drawing(run.evaluator.summaries(policy, episodes, seed))
     drawn = run.evaluator.record(policy, seed, *worth)
     pictures = {
         "trajectories.png": lambda path: figures.trajectories(run.world, drawn, path, run.params, episodes),
         "episode.gif": lambda path: animation.animate(run.world, run.params, _worth_watching(drawn), path),
-        "learning_curve.png": lambda path: figures.learning_curve(lines, path),
     }
+    if folder is None:
+        folder, lines = run.folder, run.files.metrics()
+        pictures["learning_curve.png"] = lambda path: figures.learning_curve(lines, path)
+    elif not folder.is_dir():
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise UserError(f"{folder} can't be made ({error.strerror}): {remedy(error)}") from error
     for name, draw in pictures.items():
-        write_atomically(run.folder / name, draw)
-    return [run.folder / name for name in pictures]
+        write_atomically(folder / name, draw)
+    return [folder / name for name in pictures]
 
 
 def _worth_drawing(summaries: EpisodeSummary) -> tuple[list[int], list[int]]:
