@@ -80,7 +80,6 @@ def fails(capsys, *arguments):
         (["train", "--world.scenes", "moon"], ["scene", "'moon'", "square, hallway, crosswalk"]),
         (["train", "--algo", "dqn"], ["algo", "'dqn'", "hsac, td3, ppo, a2c"]),
         (["train", "--algo", "td3", "--agent.requests", 2], ["--agent.requests: td3 has no", "give --algo hsac"]),
-        (["train", "--algo", "td3", "--agent.no-mean-tanh"], ["--agent.no-mean-tanh: td3 has no", "give --algo hsac"]),
         (["train", "--agent.horizon=5"], ["--agent.horizon: hsac has no", "give --algo ppo or a2c"]),
         (["train", "--algo=ppo", "--hyper.target_noise", 1], ["--hyper.target_noise: ppo has no", "give --algo td3"]),
         (["train", "--agent.wings", 1], ["Unrecognized", "--agent.wings", "--help"]),
