@@ -1,6 +1,7 @@
 """A trained policy as one object: what it has learnt, whether it speaks, and how people speak to it."""
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -63,12 +64,14 @@ class Policy:
         """The same without its voice."""
         return self.replace(voice=False)
 
-    def tree_flatten_with_keys(self):
+    def tree_flatten_with_keys(self) -> tuple[list[tuple[Any, Any]], "_Static"]:
+        """The leaves with their keys, and the static part."""
         leaves = [(jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in _LEAVES]
         return leaves, _Static(self.learner, self.world, self.config)
 
     @classmethod
-    def tree_unflatten(cls, static, leaves):
+    def tree_unflatten(cls, static: "_Static", leaves: Iterable[Any]) -> "Policy":
+        """The inverse of flattening."""
         return cls(*leaves, learner=static.learner, world=static.world, config=static.config)
 
 
