@@ -18,12 +18,10 @@ def write_atomically(path: str | pathlib.Path, content: bytes | str | Callable[[
     temporary = path.with_name(f".new-{path.name}")
     try:
         try:
-            if isinstance(content, bytes):
-                temporary.write_bytes(content)
-            elif isinstance(content, str):
-                temporary.write_text(content, encoding="utf-8")
-            else:
+            if callable(content):
                 content(temporary)
+            else:
+                temporary.write_bytes(content.encode() if isinstance(content, str) else content)
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
@@ -32,5 +30,5 @@ def write_atomically(path: str | pathlib.Path, content: bytes | str | Callable[[
 
 
 def write_json(path: str | pathlib.Path, value: Any) -> None:
-    """Write ``value`` as indented JSON. UserError: the file can't be written."""
-    write_atomically(path, json.dumps(value, indent=1) + "\n")
+    """Write ``value`` as indented JSON. UserError: the file can't be written. ValueError: a number is not finite."""
+    write_atomically(path, json.dumps(value, indent=1, allow_nan=False) + "\n")

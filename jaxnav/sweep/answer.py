@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from ..statistics import sign
 from .numbers import name_of, number, with_interval
-from .results import sign_of
 
 
 def answer(summary: dict[str, Any]) -> str:
@@ -27,10 +27,10 @@ def answer(summary: dict[str, Any]) -> str:
         else f"{_name(winner['trial'])} wins: its {name} is {found}. {_against_base(rows, winner)}"
         + " It passes the guard." * bool(summary["guard"])
     ]
-    sign = sign_of(summary["direction"])
+    better = sign(summary["direction"])
     for row in rows.values():
         mean = row["objective"]["mean"]
-        if mean is not None and sign * mean > sign * winner["objective"]:
+        if mean is not None and better * mean > better * winner["objective"]:
             sentences.append(f"{_name(row['trial'])} has {number(mean)}, but {unfit(row)}.")
     return " ".join(sentences)
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..errors import UserError, remedy
+from ..files import write_json
 from ..training.config import RunConfig, TrainConfig, run_from_json
 from ..training.dataclass_json import differences
 from ..training.provenance import provenance
@@ -45,11 +46,9 @@ def keep(folder: pathlib.Path, kept: dict[str, Any]) -> None:
     runs += [found for found in [provenance()] if found not in runs]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        whole = path.with_suffix(".tmp")
-        whole.write_text(json.dumps(kept | {"runs": runs}, indent=1) + "\n")
-        whole.replace(path)
     except OSError as error:
         raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
+    write_json(path, kept | {"runs": runs})
 
 
 @contextlib.contextmanager

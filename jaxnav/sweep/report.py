@@ -2,22 +2,20 @@
 
 import collections
 import io
-import json
 import pathlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
 
-from ..errors import UserError, remedy
+from ..files import write_atomically, write_json
+from ..statistics import bootstrap_interval
 from . import page, progress
 from .answer import answer, unfit
 from .figure import figure_of
 from .importance import importance
 from .results import PHASES, Results, Trial
 
-_RESAMPLES = 9999
 BySeed = dict[int, Trial]
 
 
@@ -28,22 +26,10 @@ def write(results: Results, folder: str | pathlib.Path) -> dict[str, Any]:
     """
     summary, folder, picture = summarise(results), pathlib.Path(folder), io.BytesIO()
     figure_of(results, summary).savefig(picture, format="png")
-    _put(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False).encode() + b"\n")
-    _put(folder / "summary.md", page.markdown(summary, folder).encode())
-    _put(folder / "summary.png", picture.getvalue())
+    write_json(folder / "summary.json", summary)
+    write_atomically(folder / "summary.md", page.markdown(summary, folder))
+    write_atomically(folder / "summary.png", picture.getvalue())
     return summary
-
-
-def _put(path: pathlib.Path, content: bytes) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    try:
-        try:
-            temporary.write_bytes(content)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
 
 
 def summarise(results: Results) -> dict[str, Any]:
@@ -99,14 +85,9 @@ def _searched(trial: Trial) -> dict[str, Any]:
 def _measure(per_seed: Sequence[float | None]) -> dict[str, Any]:
     """Mean and interval of the values that are known, None where there are too few."""
     known = np.sort([value for value in per_seed if value is not None])  # seeds have no order
-    found = {"mean": None, "ci95": None, "per_seed": list(per_seed)}
-    if known.size:
-        found["mean"] = float(np.clip(known.mean(), known[0], known[-1]))
-    if known.size > 1:
-        drawn = bootstrap((known,), np.mean, n_resamples=_RESAMPLES, method="percentile", rng=np.random.default_rng(0))
-        # Equal values have means that are rounded away from them.
-        found["ci95"] = np.clip(drawn.confidence_interval, known[0], known[-1]).tolist()
-    return found
+    # Equal values have means that are rounded away from them.
+    mean = float(np.clip(known.mean(), known[0], known[-1])) if known.size else None
+    return {"mean": mean, "ci95": bootstrap_interval(known), "per_seed": list(per_seed)}
 
 
 def _confirmed(results: Results, guard: dict[str, Any] | None) -> list[dict[str, Any]]:

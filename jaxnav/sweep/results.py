@@ -3,12 +3,9 @@
 import dataclasses
 from typing import Any
 
+from ..statistics import sign
+
 PHASES = ("search", "confirm", "guard")
-
-
-def sign_of(direction: str) -> int:
-    """1 of an objective that is maximised, -1 of one that is minimised: their product is largest where it is best."""
-    return 1 if direction == "maximize" else -1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,4 +64,4 @@ class Results:
     @property
     def sign(self) -> int:
         """1 where the objective is maximised, -1 where it is minimised."""
-        return sign_of(self.identity["direction"])
+        return sign(self.identity["direction"])

@@ -13,9 +13,9 @@ import numpy as np
 import tyro
 
 from ..errors import UserError
+from ..statistics import sign
 from ..training.config import HSACRunConfig, resolve, scene_names
 from ..training.dataclass_json import to_json
-from .results import sign_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Sweep:
     @property
     def sign(self) -> int:
         """1 where the objective is maximised, -1 where it is minimised."""
-        return sign_of(self.direction)
+        return sign(self.direction)
 
     @property
     def round_steps(self) -> int:
