@@ -53,14 +53,14 @@ def load_part(name: str, kind: str) -> Any:
     path, _, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
     said = f"{field} is {name!r}"
     module = _module(pathlib.Path(path), said)
-    having = [key for key, value in vars(module).items() if not key.startswith("_") and _is_part(value, kind)]
+    having = [key for key, value in vars(module).items() if not key.startswith("_") and _CHECKS[kind](value)]
     choose = f"choose from {', '.join(having)}" if having else f"{path} has no {kind}: add one"
     if not attribute:
         raise UserError(f"{said}, which has no NAME: {choose}")
     if not hasattr(module, attribute):
         raise UserError(f"{said}: there is no {attribute} in it; {choose}")
     part = getattr(module, attribute)
-    if not _is_part(part, kind):
+    if not _CHECKS[kind](part):
         raise UserError(f"{said}, which is a {type(part).__name__}, not {_KINDS[kind]}: {choose}")
     return tuple(part) if isinstance(part, list) else part
 
@@ -113,21 +113,16 @@ def check(config: _Config, hashes: dict[str, str], folder: str | pathlib.Path) -
     return _renamed(config, lambda path: str(folder / path))
 
 
-def _is_part(value: Any, kind: str) -> bool:
-    from .agents.encoders import Encoder
-    from .agents.learner import RegisteredLearner
-    from .world import Scene
+_CHECKS: dict[str, Callable[[Any], bool]] = {
+    "reward": lambda value: callable(value) and not isinstance(value, type),
+    # World checks its methods.
+    "people": lambda value: not isinstance(value, type | types.ModuleType | types.FunctionType),
+}
 
-    if kind == "scene":
-        several = isinstance(value, tuple | list) and len(value) > 0
-        return isinstance(value, Scene) or (several and all(isinstance(one, Scene) for one in value))
-    if kind == "encoder":
-        return isinstance(value, Encoder)
-    if kind == "learner":
-        return isinstance(value, RegisteredLearner)
-    if kind == "reward":
-        return callable(value) and not isinstance(value, type)
-    return not isinstance(value, type | types.ModuleType | types.FunctionType)  # World checks its methods
+
+def recognise(kind: str, check: Callable[[Any], bool]) -> None:
+    """Have parts of a kind checked by ``check``: called by the module that defines their type."""
+    _CHECKS[kind] = check
 
 
 _KINDS = {

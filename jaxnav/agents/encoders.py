@@ -150,6 +150,7 @@ GRID_PARTS = ("sensor_map", "pedestrian_map", "dialogue")
 _LIDAR_WIDTHS = {"scan": 64, "pedestrians": 64}
 _GRID_WIDTHS = {"channels_1": 64, "channels_2": 128, "channels_3": 256, "features": 512, "dialogue": 64}
 ENCODERS: dict[str, Encoder] = {}
+plugins.recognise("encoder", lambda value: isinstance(value, Encoder))
 
 
 def register_encoder(encoder: Encoder) -> Encoder:

@@ -197,6 +197,7 @@ class RegisteredLearner:
 
 
 LEARNERS: dict[str, RegisteredLearner] = {}
+plugins.recognise("learner", lambda value: isinstance(value, RegisteredLearner))
 _ATTRIBUTES = ("config", "replays", "horizon", "requests", "can_ask", "can_hear")
 # Methods with the number of arguments that they are called with.
 _METHODS = {"init": 3, "act": 4, "policy": 1, "best_action": 4, "vocabulary": 1, "update": 6}

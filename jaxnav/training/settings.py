@@ -104,6 +104,14 @@ def _found(name: str) -> tuple[Scene, ...]:
     return (found,) if isinstance(found, Scene) else found
 
 
+def _is_scene(value: Any) -> bool:
+    several = isinstance(value, tuple | list) and len(value) > 0
+    return isinstance(value, Scene) or (several and all(isinstance(one, Scene) for one in value))
+
+
+plugins.recognise("scene", _is_scene)
+
+
 def _people(names: Iterable[str]) -> list[Scene]:
     """The scenes of these names that say which people they have: all but maps."""
     return [scene for name in names if not is_map(name) for scene in _found(name)]
