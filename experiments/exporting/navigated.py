@@ -43,7 +43,7 @@ class Worlds:
         # As in `jaxnav.training.rollout.play`: the same episodes.
         self._keys = jnp.moveaxis(jax.vmap(lambda key: jax.random.split(key, self.limit))(key_steps), 1, 0)
         raw = dataclasses.replace(run.world.config, observation=RAW_PARTS)
-        world = World(raw, [scene for scene in run.world.scenes if scene.name not in SCENES])
+        world = World(raw, [scene for scene in run.world.scenes if scene.name not in SCENES], people=run.world.people)
         self.state = jax.jit(jax.vmap(run.world.reset, in_axes=(0, None, 0)))(key_reset, run.params, scenes)
         self._spoken = run.agent.vocabulary("test")
 

@@ -28,7 +28,9 @@ class Reference:
     def __init__(self, run: Run, actor: Any) -> None:
         self._run, self._actor = run, actor
         config = dataclasses.replace(run.world.config, observation=RAW_PARTS)
-        self._raw = World(config, [scene for scene in run.world.scenes if scene.name not in SCENES])
+        self._raw = World(
+            config, [scene for scene in run.world.scenes if scene.name not in SCENES], people=run.world.people
+        )
         self._both = jax.jit(lambda *given: (self._inputs(*given[1:]), self._outputs(*given)))
 
     def play(self, seed: int, episodes: int = _EPISODES) -> list[Episode]:
