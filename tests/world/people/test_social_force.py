@@ -45,7 +45,8 @@ def test_it_is_minus_the_gradient_of_its_potential():
     where = jnp.asarray(np.random.default_rng(0).normal(0.0, 0.6, (4, 200)), jnp.float32)
     gradient = jax.vmap(jax.grad(potential, argnums=(0, 1)))(*where)
     force = jax.vmap(lambda *at: repulsion(*at, PARAMS))(*where)
-    far = np.hypot(*gradient) < 50.0
+    # Within a centimetre of the way between the foci the ellipse is kept as thin as that.
+    far = np.asarray(jax.vmap(potential)(*where)) < 2.1 * np.exp(-0.02 / 0.3)
     assert far.sum() > 190
     np.testing.assert_allclose(np.stack(force)[:, far], -np.stack(gradient)[:, far], rtol=1e-2, atol=1e-3)
 
