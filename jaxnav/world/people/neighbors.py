@@ -13,7 +13,7 @@ from ..types import Pedestrian, Walls
 from ..walls import nearest_walls
 
 
-def near_walls(x: jax.Array, y: jax.Array, walls: Walls, reach: jax.Array, count: int) -> list[orca.NearWall]:
+def near_walls(x: jax.Array, y: jax.Array, walls: Walls, reach: jax.Array | float, count: int) -> list[orca.NearWall]:
     """The ``count`` walls nearest to (x, y) within ``reach``, nearest first."""
     found = []
     for squared, i in nearest_walls(x, y, walls.near(x, y), count):

@@ -42,8 +42,8 @@ class Recorded(PedestrianModel):
     """
 
     rows: Rows | None = None
-    table: np.ndarray | None = None
-    starts: np.ndarray | None = None
+    table: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 7), np.float32))
+    starts: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     talks = False
 
     def __repr__(self):

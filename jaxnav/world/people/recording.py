@@ -88,24 +88,27 @@ class Visit(NamedTuple):
     places: np.ndarray
 
 
-def visits(rows: Rows) -> list[Visit]:
-    """Everybody's visits, resampled to instants `ANNOTATION_PERIOD` apart, in the order in which they begin.
+def instants(frames: np.ndarray) -> np.ndarray:
+    """`[R]` index of each row's instant, `ANNOTATION_PERIOD` apart; a break of the annotation is rounded to periods."""
+    distinct = np.unique(frames)
+    steps = np.maximum(np.rint(np.diff(distinct) / frames_per_period(frames)), 1)
+    return np.concatenate([[0], np.cumsum(steps)]).astype(int)[np.searchsorted(distinct, frames)]
 
-    Between two annotations people go straight and evenly. Who isn't annotated for more than two periods has left, and
-    comes again.
+
+def visits(rows: Rows) -> list[Visit]:
+    """Everybody's visits in the order in which they begin.
+
+    Where a person was not annotated for an instant it went straight and evenly. Who isn't annotated for more than two
+    periods has left, and comes again.
     """
-    instants = (rows.frame - rows.frame.min()) / frames_per_period(rows.frame)
-    found = []
+    index, found = instants(rows.frame), []
     for person in np.unique(rows.id):
         mine = np.flatnonzero(rows.id == person)
-        mine = mine[np.argsort(instants[mine])]
-        for part in np.split(mine, np.flatnonzero(np.diff(instants[mine]) > _PERIODS_APART + 1e-6) + 1):
-            when = instants[part]
-            first, last = int(np.ceil(when[0] - 1e-6)), int(np.floor(when[-1] + 1e-6))
-            if last >= first:
-                at = np.arange(first, last + 1)
-                places = [np.interp(at, when, values[part]) for values in (rows.x, rows.y)]
-                found.append(Visit(first, np.stack(places, axis=1)))
+        mine = mine[np.argsort(index[mine])]
+        for part in np.split(mine, np.flatnonzero(np.diff(index[mine]) > _PERIODS_APART) + 1):
+            at = np.arange(index[part[0]], index[part[-1]] + 1)
+            places = [np.interp(at, index[part], values[part]) for values in (rows.x, rows.y)]
+            found.append(Visit(int(at[0]), np.stack(places, axis=1)))
     return sorted(found, key=lambda visit: visit.first)
 
 

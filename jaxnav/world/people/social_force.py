@@ -28,11 +28,12 @@ class SocialForce(PedestrianModel):
     The robot repels as a pedestrian of its velocity would, unless a pedestrian is committed or has decided; then it
     doesn't. Bodies have no size here, as in the source: nothing but the force keeps them apart.
 
-    substeps: into so many a step is divided. A step of 0.4 s is as long as it takes to give in to a force, and in a
-    wall's reach of 0.2 m the force changes e-fold: one such step would overshoot. Eight are within 2 cm of 64.
+    substeps: into so many a step is divided. A step of 0.4 s is as long as it takes to give in to a force, and a
+    wall's force changes e-fold in 0.2 m: one such step would end 0.2 m off. With 16 a dense crowd is within 1 cm of 128
+    in half of all steps, and within 2 cm in nine of ten.
     """
 
-    substeps: int = 8
+    substeps: int = 16
 
     def __post_init__(self):
         if not isinstance(self.substeps, int) or self.substeps < 1:
