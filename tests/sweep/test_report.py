@@ -423,11 +423,10 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path, number, reme
     report.write(found, tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
-    def fail(path, content):
-        path.touch()
+    def fail(path, *_):
         raise OSError(number, os.strerror(number))
 
-    with unittest.mock.patch("pathlib.Path.write_bytes", fail), pytest.raises(UserError, match=remedy) as error:
+    with unittest.mock.patch("pathlib.Path.replace", fail), pytest.raises(UserError, match=remedy) as error:
         report.write(dataclasses.replace(found, name="another"), tmp_path)
     assert "summary.json" in str(error.value)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
