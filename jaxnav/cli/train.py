@@ -3,42 +3,53 @@
 import dataclasses
 import json
 import sys
-from typing import Annotated, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Generic, TypeVar
 
 import tyro
 from rich.console import Console
 
+from .. import fields
 from ..errors import UserError
 from . import STARTED
-from .options import enable_compilation_cache, parse, value_of
+from .options import Flag, enable_compilation_cache, parse, scene_field, value_of
 from .output import print_result
+
+if TYPE_CHECKING:
+    from ..training.config import RunConfig
+    from ..training.run import Run
 
 _Config = TypeVar("_Config")
 
 
 @dataclasses.dataclass(frozen=True)
 class _TrainOptions(Generic[_Config]):
-    """Train a robot.
-
-    Args:
-        config: the run.
-        scene: where to train and evaluate: all (square, hallway, crosswalk), hard, hard-laser, a scene, the yaml file
-            of a ROS map, file.py:NAME, or several of these separated by commas; with the people who walk there.
-        devices: 1, 2, 4 or 8, on which episodes and batches lie in 8 shards: the numbers are those of any other count.
-            0: not parted, on one device.
-        distributed: be one of several processes, whose devices count together, as Slurm or Kubernetes say, or
-            JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID.
-        from_sweep: folder of a sweep, whose winner is the default of all other options.
-    """
+    """Train a robot, then evaluate, draw and export it."""
 
     config: Annotated[_Config, tyro.conf.arg(name="")]
-    scene: str = ""
-    devices: int = 0
-    distributed: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    from_sweep: str = ""
+    scene: str = scene_field("to train and evaluate in, with the people who walk there; if not world.scenes")
+    devices: int = fields.other(
+        0,
+        allowed="1, 2, 4 or 8",
+        doc="devices for episodes and batches, with equal numbers for any of them; 0: not parted",
+    )
+    distributed: Flag = fields.flag(
+        False,
+        doc="be one of several processes, whose devices count together, as Slurm or Kubernetes say, or "
+        "JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID",
+    )
+    from_sweep: str = fields.text(
+        "", allowed="a path", doc="folder of a sweep, whose winner is the default of all other options"
+    )
 
 
-def command(arguments):
+_EXAMPLES = """\
+  jaxnav train --seed 1 --out runs/mine            the quick preset; --resume goes on after an interruption
+  jaxnav train --scene hard --hyper.discount 0.98
+  jaxnav train --scene door.py:door                a scene of your own
+"""
+
+
+def command(arguments: list[str]) -> None:
     from ..api import train
     from ..training.config import preset, resolve
 
@@ -56,8 +67,9 @@ def command(arguments):
         if value_of(arguments, "--world.scenes") is not None:
             raise UserError(f"--scene is {scene} beside --world.scenes: give one of the two")
     options = parse(
-        _TrainOptions[type(default)], arguments, "train", "Train a robot.", default=_TrainOptions(config=default)
-    )
+        _TrainOptions[type(default)], arguments, "train", _EXAMPLES, _TrainOptions(config=default),
+        "Train a robot, then evaluate, draw and export it.",
+    )  # fmt: skip
     from ..training.devices import is_first, join_processes  # not needed for --help
     from ..training.signals import Interrupted
 
@@ -78,7 +90,7 @@ def command(arguments):
         _print(run)
 
 
-def _print(run):
+def _print(run: "Run") -> None:
     """Print how a trained run does, and where everything is."""
     print_result(Console(), json.loads((run.folder / "evaluation.json").read_text()))
     names = (
@@ -91,7 +103,7 @@ def _print(run):
     )
 
 
-def _winner(folder, arguments):
+def _winner(folder: str, arguments: list[str]) -> "RunConfig":
     """The run of a sweep's winner. UserError: there is none, or options say that it is another."""
     from ..sweep.folder import winner
 
@@ -103,7 +115,7 @@ def _winner(folder, arguments):
     return winner(folder)
 
 
-def _check_algorithm(arguments, algo):
+def _check_algorithm(arguments: list[str], algo: str) -> None:
     """UserError: an option that other algorithms have, and this one hasn't."""
     from ..agents import LEARNERS
 

@@ -5,10 +5,12 @@ A mask `[rows, columns]` marks these cells; points are (column, row) in cells fr
 
 import itertools
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _STEP = 0.5  # of a walk along a line, in cells
 # Steps to eight neighbours make a path at most so much longer than the line it follows (at 22.5 degrees).
@@ -38,6 +40,8 @@ def sample_paths(
 
     distances: least and greatest straight distance from start to goal; detour: longest path, in straight distances.
     """
+    from scipy.sparse.csgraph import dijkstra  # a third of a second, which commands without maps needn't wait for
+
     graph, centres = _graph(mask)
     near, far = distances
     drawn = []
@@ -74,8 +78,10 @@ def along(path: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
     return path[i] + (distance - ends[i] + lengths[i]) * direction, direction
 
 
-def _graph(mask: np.ndarray) -> tuple[csr_array, np.ndarray]:
+def _graph(mask: np.ndarray) -> "tuple[csr_array, np.ndarray]":
     """Steps between the cells of a mask and their eight neighbours, as a sparse matrix, and the cells' centres."""
+    from scipy.sparse import csr_array
+
     rows, columns = np.nonzero(mask)
     index = np.full(np.add(mask.shape, 2), -1)
     index[1:-1, 1:-1][mask] = np.arange(len(rows))
