@@ -5,6 +5,7 @@ Written for Python 3.6: this file travels in the bundle of an exported policy.
 """
 
 import math
+from typing import Dict, List, Optional, Sequence, Tuple
 
 RULES = {
     "unsure_margin": 0.4,  # between the two likeliest messages: below it the robot asks to repeat
@@ -17,17 +18,17 @@ RULES = {
 }
 
 
-def is_unsure(margin, rules):
+def is_unsure(margin: float, rules: Dict[str, float]) -> bool:
     """Whether the robot asks to repeat. margin: between the probabilities of the two likeliest messages."""
     return margin < rules["unsure_margin"]
 
 
-def is_reply(probability, rules):
+def is_reply(probability: float, rules: Dict[str, float]) -> bool:
     """Whether a possible answer counts as one."""
     return probability > rules["reply_probability"]
 
 
-def reaction(message, reply, unsure, awaited):
+def reaction(message: int, reply: int, unsure: bool, awaited: bool) -> str:
     """What the robot does about what it understood: "reply", "repeat", "obey", or "" where nothing is asked of it.
 
     message, reply: indices, 0 none; unsure: whether it is; awaited: whether somebody owes the robot an answer.
@@ -39,7 +40,7 @@ def reaction(message, reply, unsure, awaited):
     return "obey" if message else ""
 
 
-def speaker(people):
+def speaker(people: Sequence[Tuple[float, bool, bool]]) -> Optional[int]:
     """The one who is taken for the speaker of a sentence, which doesn't say whose it is; None where there is nobody.
 
     The nearest with whom a dialogue is open and nothing has been said yet, else the nearest in a dialogue, else the
@@ -49,7 +50,7 @@ def speaker(people):
     return order[0] if order else None
 
 
-def walks_into(person, robot, clearance, rules):
+def walks_into(person: Sequence[float], robot: Sequence[float], clearance: float, rules: Dict[str, float]) -> bool:
     """Whether a person walks, and within ``clearance`` past the robot if both keep on: it walking, the robot standing.
 
     person: x, y, velocity x, velocity y; robot: x, y.
@@ -62,7 +63,7 @@ def walks_into(person, robot, clearance, rules):
     return dx * vx + dy * vy > 0 and abs(dx * vy - dy * vx) / speed < clearance
 
 
-def stands(promises, rules):
+def stands(promises: List[Tuple[int, bool]], rules: Dict[str, float]) -> bool:
     """Whether the robot stands: it promised to, a short while ago, and nobody to whom it did walks into it then.
 
     It says that it stops when it is asked to, and when its own request is refused; the policy might rather go on.

@@ -9,6 +9,7 @@ Written for Python 3.6: this file travels in the bundle of an exported policy.
 
 import re
 import unicodedata
+from typing import Tuple
 
 LONGEST = 200  # characters of a sentence that are read
 
@@ -19,7 +20,7 @@ _LEFT = re.compile(r"\b(?:leff?t?|laft|lefts|(?<!i )lefd)\b")
 _RIGHT = re.compile(r"\b(your|you're|yore|the|to|too|two|keep|not|on|go) (?:write|rite|rights)\b")
 
 
-def clean(text):
+def clean(text: str) -> str:
     """``text`` as one line: control characters dropped, white space collapsed, `LONGEST` characters at most."""
     text = unicodedata.normalize("NFKC", text[: 8 * LONGEST])
     text = "".join(" " if unicodedata.category(c) in ("Zs", "Cc", "Zl", "Zp") else c for c in text)
@@ -27,18 +28,18 @@ def clean(text):
     return " ".join(text.replace("\u2019", "'").split())[:LONGEST]
 
 
-def key_of(text):
+def key_of(text: str) -> str:
     """The text by which phrases are compared: without case and white space."""
     return clean(text).casefold()
 
 
-def has_words(text):
+def has_words(text: str) -> bool:
     """Whether at least half of its letters and digits are Latin: an emoji, "..." or Cyrillic is silence."""
     letters = [c for c in text if c.isalnum()]
     return 2 * sum(c < "\x80" for c in letters) >= len(letters) > 0
 
 
-def without_side(text):
+def without_side(text: str) -> Tuple[str, int]:
     """(said, side): the sentence with right as its first side, and the side it had: 1 right, -1 left, 0 none."""
     said = _RIGHT.sub(r"\1 right", _LEFT.sub("left", clean(text).lower()))
     first = _SIDE.search(said)

@@ -156,7 +156,7 @@ def _scan_ends(robot: Any, t: int, scan: np.ndarray) -> np.ndarray:
 
 def _draw_agents(pen: _Pen, episode: Episode, t: int, params: Params) -> None:
     robot, walkers, encounters = episode.states.robot, episode.states.pedestrians, episode.states.encounters
-    there = np.flatnonzero(walkers.present[t])
+    there = np.flatnonzero(walkers.present[t]).tolist()
     for i in there:
         since = episode.since(t, i)
         pen.path(walkers.x[since : t + 1, i], walkers.y[since : t + 1, i], _tint(palette.PEDESTRIAN, 0.5), 2)

@@ -101,7 +101,7 @@ def guard(sweep: Sweep, folder: pathlib.Path, store: Store) -> Phase | None:
         return None
     proposals = _again(sweep, store)
     train = dataclasses.replace(sweep.base.train, total_steps=asked.total_steps)
-    config = dataclasses.replace(sweep.base.of_scenes(asked.scene), train=train)
+    config: Any = dataclasses.replace(sweep.base.of_scenes(asked.scene), train=train)
     sizes = _sizes(sweep, proposals, store.trials("guard"))
     found = populations(sweep, folder, "guard", config, sizes, 1, CONFIRM_SEED, "test", asked.every)
     kinds = distributions(sweep, proposals)

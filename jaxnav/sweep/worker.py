@@ -104,20 +104,20 @@ class _Held:
 class _Judge:
     """Plays all members of a population at once, through one program that is compiled ahead of its first use."""
 
-    def __init__(self, population, params, agent, episodes):
+    def __init__(self, population: Population, params: Any, agent: Any, episodes: int) -> None:
         self._evaluator = Evaluator(population.world, params, episodes, members=True)
         self._policy = Policy(population.policy_shapes(), True, learner=agent, world=population.world)
         self._episodes = episodes
 
-    def compile(self):
+    def compile(self) -> None:
         self._evaluator.compile(self._policy.hearing("validation"))
 
     @property
-    def bytes_needed(self):
+    def bytes_needed(self) -> int:
         self.compile()
         return self._evaluator.bytes_needed
 
-    def __call__(self, parameters, seed, phrases):
+    def __call__(self, parameters: Any, seed: int, phrases: str) -> list[dict[str, Any]]:
         """The metrics of each member, by scene."""
         policies = self._policy.replace(parameters=parameters).hearing(phrases)
         self.compile()
