@@ -50,7 +50,6 @@ _EXAMPLES = """\
 
 
 def command(arguments: list[str]) -> None:
-    from ..api import train
     from ..training.config import preset, resolve
 
     folder = value_of(arguments, "--from-sweep")
@@ -70,6 +69,7 @@ def command(arguments: list[str]) -> None:
         _TrainOptions[type(default)], arguments, "train", _EXAMPLES, _TrainOptions(config=default),
         "Train a robot, then evaluate, draw and export it.",
     )  # fmt: skip
+    from ..api import train
     from ..training.devices import is_first, join_processes  # not needed for --help
     from ..training.signals import Interrupted
 

@@ -206,6 +206,35 @@ def test_evaluate_prints_one_json_object(jaxnav, trained):
     assert content(folder) == before
 
 
+def test_a_policy_plays_in_other_scenes_and_the_result_says_what_changed(capsys, trained, tmp_path):
+    folder, file = trained[0], tmp_path / "yard.py"
+    file.write_text(
+        "import dataclasses\nfrom jaxnav import SCENES\nYARD = dataclasses.replace(SCENES['square'], name='yard')\n"
+    )
+    cli.main(["evaluate", str(folder), "--scene", f"{file}:YARD,hallway", "--episodes", "20", "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert list(result["scenes"]) == ["yard", "hallway"]
+    assert result["trained_in"] == ["square"]
+    assert result["changed"] == {"world.nearest": 1, "world.scenes": [f"{file}:YARD", "hallway"]}
+    # The yard is a square of another name: the same episodes end in the same way.
+    cli.main(["evaluate", str(folder), "--episodes", "20", "--json"])
+    here = json.loads(capsys.readouterr().out)
+    assert here["scenes"]["square"] == result["scenes"]["yard"] and "trained_in" not in here
+
+
+def test_compare_plays_runs_on_the_same_episodes(capsys, trained):
+    folder = str(trained[0])
+    cli.main(["compare", folder, folder, "--episodes", "20", "--json"])
+    result = json.loads(capsys.readouterr().out)
+    first, second = result["players"]
+    found = result["scenes"]["square"]
+    assert found["differences"] == [{"one": first, "other": second, "difference": 0.0, "ci95": [0.0, 0.0]}]
+    assert found["players"][first] == found["players"][second]
+    cli.main(["compare", folder, folder, "--episodes", "20"])
+    assert f"{first} (open)" in " ".join(capsys.readouterr().out.split())
+    assert "give the folders of at least two runs" in fails(capsys, "compare", folder)
+
+
 def test_render_draws_the_pictures_again(jaxnav, trained, tmp_path):
     folder, pictures = tmp_path / "run", ("trajectories.png", "episode.gif", "learning_curve.png")
     shutil.copytree(trained[0], folder)
@@ -286,7 +315,7 @@ def test_a_folder_that_holds_a_run_is_not_touched(capsys, trained):
     before = content(folder)
     assert "already holds a run" in fails(capsys, "train", *sized(), "--out", folder)
     assert "another hyper.tau:" in fails(capsys, "train", *sized(hyper__tau=0.5), "--resume", "--out", folder)
-    assert "--scene 'hallway' is not in this run" in fails(capsys, "evaluate", folder, "--scene", "hallway")
+    assert "scene 'moon' is unknown" in fails(capsys, "evaluate", folder, "--scene", "moon")
     assert content(folder) == before
 
 
@@ -413,16 +442,16 @@ def test_what_can_be_wrong_about_words_is_one_line(capsys, trained, tmp_path, mo
         monkeypatch.delenv(name, raising=False)
     assert "holds no run" in fails(capsys, "talk", tmp_path / "none")
     assert "holds no run" in fails(capsys, "understand", "--run", tmp_path / "none", "Hi")
-    assert "--scene 'moon' is not in this run: choose one of square" in fails(capsys, "talk", folder, "--scene", "moon")
+    assert "scene 'moon' is unknown" in fails(capsys, "talk", folder, "--scene", "moon")
     assert "write seconds and a sentence" in fails(capsys, "talk", folder, "--script", script)
     assert "ends in .gif" in fails(capsys, "talk", folder, "--gif", tmp_path / "talk.png")
     assert "in a folder that exists" in fails(capsys, "talk", folder, "--gif", tmp_path / "no" / "talk.gif")
-    assert "--speaker 'parrot' is unknown" in fails(capsys, "talk", folder, "--speaker", "parrot")
+    assert "--speaker is 'parrot': give one of templates, llm" in fails(capsys, "talk", folder, "--speaker", "parrot")
     assert "OPENAI_BASE_URL, OPENAI_MODEL, OPENAI_API_KEY not set" in fails(capsys, "talk", folder, "--speaker", "llm")
     assert "language command 'burn' is unknown" in fails(capsys, "language", "burn")
     assert "--encoder 'ear' is unknown" in fails(capsys, "language", "build", "--encoder", "ear")
     assert "ends in .npz" in fails(capsys, "language", "build", "--out", tmp_path / "table.csv")
-    assert "--phrases 'exam' is unknown" in fails(capsys, "evaluate", folder, "--phrases", "exam")
+    assert "--phrases is 'exam': give one of test" in fails(capsys, "evaluate", folder, "--phrases", "exam")
 
 
 def test_a_run_of_another_table_or_without_ears_is_refused(capsys, trained, tmp_path):
