@@ -1,4 +1,4 @@
-"""What a run is: every value with its default, and its check as a whole."""
+"""Configurations of runs: every value with its default, and their check as a whole."""
 
 import dataclasses
 import functools

@@ -282,7 +282,7 @@ class World:
     def _contacts(self, path, robot, walked_from, walked_to, walls, params):
         """(arrived, collided, hit_pedestrian, surface distance to the nearest pedestrian); the earliest event wins."""
         radius = params.robot_radius + params.body_radius
-        # Who has just come hasn't walked there: it stands where it appears.
+        # A pedestrian that has just come hasn't walked there: it stands where it appears.
         walked_from = walked_from.replace(
             x=jnp.where(walked_from.present, walked_from.x, walked_to.x),
             y=jnp.where(walked_from.present, walked_from.y, walked_to.y),

@@ -1,4 +1,4 @@
-"""Rewards: functions of what happened in a step (docs/world.md section 8)."""
+"""Rewards: functions of the events of a step (docs/world.md section 8)."""
 
 import inspect
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from .params import Params
 
 @struct.dataclass
 class StepEvents:
-    """What happened in one step.
+    """The events of one step.
 
     arrived:       bool, it reached the goal.
     collided:      bool, it touched a wall or a pedestrian.

@@ -103,7 +103,7 @@ def _meet_square(u, robot_speed, speed):
     mx, my = x + fraction * length * ux, y + fraction * length * uy
     # The robot needs about half a second to get going; the offset makes the meeting less than perfect.
     time = fraction * length / robot_speed
-    # Whoever is faster than this doesn't fit in the square with all of its way there, and comes later.
+    # A faster pedestrian starts later, so that its way there fits in the square.
     away = jnp.minimum(speed * time, 2.1 * fraction * length)
     heading = along + jnp.pi + _centred(u[5], 2.3)
     hx, hy = jnp.cos(heading), jnp.sin(heading)

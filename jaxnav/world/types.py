@@ -1,4 +1,4 @@
-"""What the world is made of: parameters, state, action, observation, outcome.
+"""The types of the world: action, walls, state, snapshot, observation, outcome.
 
 Every type here is a pytree of scalars for *one* episode; ``vmap`` adds the batch. ``P`` is the number of pedestrians
 of the world, ``K = min(nearest, P)`` the number that is observed, ``B`` the number of laser beams. Lengths are metres,
@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-# What the robot may ask of a pedestrian, and what a pedestrian may ask of the robot (docs/world.md section 6).
+# Requests of the robot to a pedestrian, and messages of a pedestrian to the robot (docs/world.md section 6).
 REQUESTS = ("none", "stop", "margin-right", "margin-left")
 MESSAGES = ("silence", "robot stop", "robot right", "robot left")
 REPLIES = ("none", "agrees", "refuses")
@@ -29,12 +29,13 @@ class Action:
 
 @struct.dataclass
 class WallCells:
-    """Which walls can be seen, or touched within a step, from each square cell of a large floor plan.
+    """Walls that can be seen, or touched within a step, from each square cell of a large floor plan.
 
-    walls: `[rows, columns, K]` int32 indices into the solid walls of all chains, padded with -1; x, y: lower left
-    corner of cell (0, 0); size: side of a cell, m; scan_range: up to which range of the laser that holds, m; margin:
-    how far from its cell a body may get, itself included, and touch no wall that is not listed, m. Who is beyond the
-    last cell is in it.
+    walls:      `[rows, columns, K]` int32 indices into the solid walls of all chains, padded with -1.
+    x, y:       lower left corner of cell (0, 0); a body beyond the last cell counts as in it.
+    size:       side of a cell, m.
+    scan_range: longest range of the laser for which the lists are complete, m.
+    margin:     longest way from its cell, body included, on which a robot touches only walls that are listed, m.
     """
 
     walls: jax.Array
@@ -49,9 +50,14 @@ class WallCells:
 class Walls:
     """Closed polygon chains drawn with one pen: wall i joins vertex i to vertex i + 1 where ``solid[i]``.
 
-    x, y: `[W + 1]` vertices; solid: `[W]`, False where the pen is lifted between two chains; before, after: `[W]` index
-    of the vertex before vertex i and after vertex i + 1 in the chain. Padding repeats the last vertex. Free space lies
-    to the left of every wall. cells, listed: what `near` looks up, and what it has found.
+    Padding repeats the last vertex. Free space lies to the left of every wall.
+
+    x, y:   `[W + 1]` vertices.
+    solid:  `[W]` bool, False where the pen is lifted between two chains.
+    before: `[W]` index of the vertex before vertex i in its chain.
+    after:  `[W]` index of the vertex after vertex i + 1 in its chain.
+    cells:  lists of nearby walls for `near`, None for a floor plan of few.
+    listed: `[K]` indices of the walls that count, the result of `near`; None where all count.
     """
 
     x: jax.Array
@@ -83,8 +89,14 @@ class Walls:
 
 @struct.dataclass
 class Robot:
-    """x, y, heading: pose; v, w: the twist of the last step; goal_x, goal_y; start_heading: heading at reset;
-    past: `[2, 3]` goal in the robot frame and turned angle at t - 2 and t - 1, zeros before the start."""
+    """The robot.
+
+    x, y, heading:  pose.
+    v, w:           twist of the last step.
+    goal_x, goal_y: its goal.
+    start_heading:  heading at reset.
+    past:           `[2, 3]` goal in the robot frame and turned angle at t - 2 and t - 1, zeros before the start.
+    """
 
     x: jax.Array
     y: jax.Array
@@ -99,8 +111,15 @@ class Robot:
 
 @struct.dataclass
 class Pedestrian:
-    """x, y, vx, vy: position and velocity; goal_x, goal_y: where it walks to, by way of via_x, via_y until it has
-    turned there; present: whether it is there now; who isn't counts for nobody. In `State` every field is `[P]`."""
+    """A pedestrian. In `State` every field is `[P]`.
+
+    x, y:           position.
+    vx, vy:         velocity.
+    goal_x, goal_y: the end of its way.
+    via_x, via_y:   the point by way of which it walks there.
+    turned:         whether it has passed that point.
+    present:        whether it is there now; an absent one counts for nobody.
+    """
 
     x: jax.Array
     y: jax.Array
@@ -120,11 +139,16 @@ class Pedestrian:
 
 @struct.dataclass
 class PedestrianTraits:
-    """What chance decides of a pedestrian's one encounter, drawn at reset. In `State` every field is `[P]`.
+    """Chance in a pedestrian's one encounter, drawn at reset. In `State` every field is `[P]`.
 
-    first, message, compliance, decides: uniform in [0, 1), compared with probabilities when they are needed; side:
-    likewise, below a half for its right; reply_delay: 0-2 steps from request to reply; commit_delay: 2-4 steps from
-    message to commitment; decide_delay: 1-4 steps from opening to a decision of its own.
+    first:        uniform in [0, 1), compared with the probability of speaking first.
+    message:      likewise, with that of a message that doesn't suit the geometry.
+    compliance:   likewise, with that of agreeing to a request.
+    decides:      likewise, with that of picking a side late.
+    side:         likewise, below a half for its right.
+    reply_delay:  0-2 steps from request to reply.
+    commit_delay: 2-4 steps from message to commitment.
+    decide_delay: 1-4 steps from opening to a decision of its own.
     """
 
     first: jax.Array
@@ -139,13 +163,22 @@ class PedestrianTraits:
 
 @struct.dataclass
 class Encounter:
-    """Where the dialogue with a pedestrian stands. In `State` every field is `[P]`.
+    """The state of the dialogue with a pedestrian. In `State` every field is `[P]`.
 
-    met: has opened this episode; is_open: the gate; age: steps since it opened; pedestrian_first: the initiator;
-    message, message_age: what it said and for how many steps it has held; request, request_age, reply: what the robot
-    asked, since when, and the answer; utterance: uint32 for the wording, 0 when nothing is said; distance, grown: last
-    distance and for how many steps it has grown; x, y, ux, uy: the pedestrian's line, frozen at opening and where it
-    turns (a point and a unit vector); robot_x, robot_y, robot_ux, robot_uy: the robot's line to its goal at opening.
+    met:                bool, an encounter has opened in this episode.
+    is_open:            bool, it is open: the gate.
+    age:                steps since it opened.
+    pedestrian_first:   bool, the pedestrian begins.
+    message:            index into `MESSAGES`, said by the pedestrian.
+    message_age:        steps for which the message has held.
+    request:            index into `REQUESTS`, asked by the robot.
+    request_age:        steps since it was asked.
+    reply:              index into `REPLIES`, the answer to it.
+    utterance:          uint32 that chooses the wording, 0 while nothing is said.
+    distance:           distance of pedestrian and robot after the last step, m.
+    grown:              steps for which it has grown.
+    x, y, ux, uy:       line of the pedestrian, a point and a unit vector, frozen at opening and at its way point.
+    robot_x, robot_y, robot_ux, robot_uy: line of the robot to its goal, frozen at opening.
     """
 
     met: jax.Array
@@ -172,8 +205,13 @@ class Encounter:
 
 @struct.dataclass
 class View:
-    """What a scan is taken of. t: when; x, y, heading: the robot's pose; pedestrian_present, pedestrian_x,
-    pedestrian_y, pedestrian_vx, pedestrian_vy: `[P]`."""
+    """The moment at which a scan is taken.
+
+    t:                  step.
+    x, y, heading:      the robot's pose.
+    pedestrian_present: `[P]` bool.
+    pedestrian_x, pedestrian_y, pedestrian_vx, pedestrian_vy: `[P]` positions and velocities.
+    """
 
     t: jax.Array
     x: jax.Array
@@ -188,10 +226,20 @@ class View:
 
 @struct.dataclass
 class State:
-    """One episode. t: steps taken; scene: index into ``WorldConfig.scenes``; seed: uint32 of the sensor noise;
-    min_distance: smallest surface distance to a pedestrian so far; past_views: `View` `[scan_delay]`; past_twists:
-    `[control_delay, 2]`, of past actions. Both newest first, and None where the delay is 0. people_memory: what the
-    model of pedestrians remembers, None for one that remembers nothing."""
+    """One episode.
+
+    t:             steps taken.
+    scene:         index into ``World.scenes``.
+    seed:          uint32 of the sensor noise.
+    robot:         `Robot`.
+    pedestrians:   `Pedestrian` `[P]`.
+    traits:        `PedestrianTraits` `[P]`.
+    encounters:    `Encounter` `[P]`.
+    min_distance:  smallest surface distance to a pedestrian so far, m.
+    past_views:    `View` `[scan_delay]`, newest first; None where that is 0.
+    past_twists:   `[control_delay, 2]` past actions, newest first; None where that is 0.
+    people_memory: memory of the model of pedestrians; None for one without.
+    """
 
     t: jax.Array
     scene: jax.Array
@@ -208,7 +256,7 @@ class State:
 
 @struct.dataclass
 class SeenPedestrian:
-    """What `observe` reads of one pedestrian and its encounter. In `Snapshot` every field is `[P]`."""
+    """The part of a pedestrian and its encounter that `observe` reads. In `Snapshot` every field is `[P]`."""
 
     present: jax.Array
 
@@ -266,7 +314,7 @@ class ObservedDialogue:
 
 @struct.dataclass
 class Observation:
-    """What the robot senses. Parts that ``WorldConfig.observation`` leaves out are None.
+    """The robot's senses. Parts that ``WorldConfig.observation`` leaves out are None.
 
     pose:            `[3, 3]` goal x, goal y in the robot frame and turned angle at t - 2, t - 1, t.
     twist:           `[2]` own v and w of the last step.
@@ -292,12 +340,19 @@ class Observation:
 
 @struct.dataclass
 class Outcome:
-    """What a step led to.
+    """The result of a step.
 
-    reward; reward_terms; terminated: arrival or collision; truncated: out of time, neither of the two;
-    arrived, collided, hit_pedestrian (<= collided): the events; requested: the request that counted in this
-    step; reply: the answer that came in this step or holds; pedestrian_distance: smallest surface distance to a
-    pedestrian within the step; goal_distance: at its end.
+    reward:              sum of ``reward_terms``.
+    reward_terms:        scalars by name, of the reward function.
+    terminated:          bool, arrival or collision.
+    truncated:           bool, out of time and not terminated.
+    arrived:             bool, at the goal.
+    collided:            bool, with a wall or a pedestrian.
+    hit_pedestrian:      bool, with a pedestrian; implies ``collided``.
+    requested:           the request that counted in this step.
+    reply:               the answer that came in this step or holds.
+    pedestrian_distance: smallest surface distance to a pedestrian within the step, m.
+    goal_distance:       distance to the goal at the end of the step, m.
     """
 
     reward: jax.Array
