@@ -6,8 +6,7 @@ jaxnav train --agent.encoder encoder.py:SECTORS
 import flax.linen as nn
 import jax.numpy as jnp
 
-from jaxnav.agents import Encoder, TorchTwin, dense_arrays
-from jaxnav.agents.features import dialogue_features, known, own_features
+from jaxnav.agents import Encoder, TorchTwin, dense_arrays, dialogue_features, known, own_features
 
 
 class Sectors(nn.Module):
@@ -25,7 +24,7 @@ class Sectors(nn.Module):
 
 TWIN = """
 import torch
-from encoders import DIALOGUE, OWN, constant, dialogue_features, own_features, somebody
+from encoders import OWN, constant, dialogue_factors, dialogue_features, own_features, somebody
 from torch import nn
 
 
@@ -33,16 +32,17 @@ class Sectors(nn.Module):
     def __init__(self, sizes):
         super().__init__()
         widths = sizes["encoder_widths"]
-        self.shape = (-1, 6, sizes["beams"] // 6)
-        self.scan, self.talk = nn.Linear(6, widths["scan"]), nn.Linear(14, widths["talk"])
+        self.shape, self.requests = (-1, 6, sizes["beams"] // 6), sizes["request_kinds"]
+        factors = dialogue_factors(self.requests)
+        self.scan, self.talk = nn.Linear(6, widths["scan"]), nn.Linear(len(factors), widths["talk"])
         self.features = widths["scan"] + widths["talk"] + 15
-        constant(self, "dialogue", DIALOGUE)
+        constant(self, "dialogue", factors)
         constant(self, "own", OWN)
 
     def forward(self, x, heard):
         ranges = x["scan"].reshape(self.shape).min(dim=-1)[0]
         scan = torch.relu(self.scan(torch.exp(-ranges)))
-        talk = torch.relu(self.talk(dialogue_features(x, heard) * self.dialogue))
+        talk = torch.relu(self.talk(dialogue_features(x, heard, self.requests) * self.dialogue))
         talk = (talk * somebody(x)).sum(dim=1)
         return torch.cat([scan, talk, own_features(x) * self.own], dim=-1)
 """

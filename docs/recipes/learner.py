@@ -10,10 +10,7 @@ import numpy as np
 import optax
 from flax import struct
 
-from jaxnav.agents import RegisteredLearner, ReplayConfig, SilentLearner
-from jaxnav.agents.layers import MLP
-from jaxnav.agents.learner import ADAM, descend, silent
-from jaxnav.agents.networks import message_codes
+from jaxnav.agents import ADAM, MLP, RegisteredLearner, ReplayConfig, SilentLearner, descend, message_codes, silent
 
 TWISTS = np.float32([(v, w) for v in (-1, 0, 1) for w in (-1, -0.5, 0, 0.5, 1)])
 

@@ -16,6 +16,7 @@ from flax import struct
 from .. import fields
 from ..language.vocabulary import Vocabulary, vocabulary
 from ..world import Action, Observation
+from ..world.types import REQUESTS
 from .configs import ReplayConfig
 from .distributions import request_log_probabilities, sample_twist
 from .hybrid import HybridNetworks
@@ -38,7 +39,9 @@ class HSACConfig(ReplayConfig):
         doc="the actor hears phrases, the embedding of a sentence, or codes, the message itself as a one-hot",
     )
     requests: int = fields.choice(
-        4, (1, 2, 4), doc="how many requests the robot chooses from: 4; 2, none and stop; 1, nothing at all"
+        4,
+        (1, 2, *range(4, len(REQUESTS) + 1)),
+        doc="how many requests the robot chooses from: 4; 2, none and stop; 1, nothing at all",
     )
     heads: str = fields.choice(
         "shared", HEADS, doc="of the twist: shared, one for all requests, or per-request, one for each"

@@ -18,7 +18,7 @@ from ..language.table import DIMENSIONS, default_table
 from ..training.dataclass_json import to_json
 from ..training.run import Run
 from ..world import Params, sensing
-from ..world.types import AGREES, LEFT, MESSAGES, NONE, REFUSES, REPLIES, REQUESTS, RIGHT, STOP
+from ..world.types import AGREES, MESSAGES, NONE, REFUSES, REPLIES, REQUESTS, STOP
 
 SCHEMA = 1  # of contract.json; robot/bundle.py reads the same
 TWIN = "twin"  # the module of a bundle that holds the twin of an encoder that is no part of this package
@@ -215,7 +215,7 @@ def _network(run: Run) -> dict[str, Any]:
         "encoder": encoder.name, "encoder_module": TWIN if twin.source else "encoders",
         "encoder_class": twin.module, "encoder_widths": encoder.sizes(config.encoder_widths),
         "inputs": list(network_inputs(run)), "beams": run.world.config.beams, "nearest": nearest, "cells": sensing.GRID,
-        "widths": list(config.actor_widths), "requests": agent.requests,
+        "widths": list(config.actor_widths), "requests": agent.requests, "request_kinds": len(REQUESTS),
         "twists": agent.requests if agent.actor_network.per_request else 1, "squash": agent.squash,
         "max_v": float(run.params.max_v), "max_w": float(run.params.max_w),
     }  # fmt: skip
@@ -226,10 +226,10 @@ def _network(run: Run) -> dict[str, Any]:
 
 def _sentences() -> dict[str, Any]:
     """The robot's sentences. request, acknowledge: by request or message; reply: by reply; repeat: unsure."""
-    sides = (STOP, RIGHT, LEFT)
+    requests, messages = (list(enumerate(names))[1:] for names in (REQUESTS, MESSAGES))
     return {
-        "request": {REQUESTS[request]: sentences(Context(request)) for request in sides},
-        "acknowledge": {MESSAGES[request]: sentences(Context(request, "pedestrian")) for request in sides},
+        "request": {name: sentences(Context(request)) for request, name in requests},
+        "acknowledge": {name: sentences(Context(message, "pedestrian")) for message, name in messages},
         "reply": {REPLIES[reply]: sentences(Context(STOP, "robot", reply)) for reply in (AGREES, REFUSES)},
         "repeat": sentences(Context(NONE, "nobody")),
     }

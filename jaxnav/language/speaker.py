@@ -27,36 +27,68 @@ class Context(NamedTuple):
 REPEAT = Context(NONE, "nobody")
 
 _SIDES = {RIGHT: "right", LEFT: "left"}
-_TEMPLATES = {
-    ("robot", NONE, STOP): (
-        "Please stop and let me pass!", "Could you wait a moment, please?", "Excuse me, could you stop for me, please?",
-        "Would you please let me go first?", "One moment, please: could you stop for a second?",
+
+
+class RequestWords(NamedTuple):
+    """The words of one request.
+
+    short: of captions, two or three words.
+    ask:   to a person, after "Ask the person to".
+    do:    by the robot, after "Say that you will".
+    asks:  sentences by which the robot asks for it.
+    does:  sentences of a robot, or in captions of a person, that was asked and does it.
+    """
+
+    short: str
+    ask: str
+    do: str
+    asks: tuple[str, ...]
+    does: tuple[str, ...]
+
+
+def _side_words(side):
+    return RequestWords(
+        f"move {side}", f"move to your {side}", f"move to my {side}",
+        (
+            f"Please move to your {side}!", f"Could you keep to your {side}, please?",
+            f"Excuse me, would you go to your {side}?", f"Would you please pass on your {side}?",
+            f"Please keep {side}, then we can both pass.",
+        ),
+        (
+            f"OK, I'll move to my {side}!", f"Sure, I'll keep to my {side}.",
+            f"Thanks for telling me, I'll go to my {side}.", f"Of course, I'm going to my {side}.",
+        ),
+    )  # fmt: skip
+
+
+# By index into `REQUESTS`; what a pedestrian may ask of the robot has the same indices in `MESSAGES`.
+REQUEST_WORDS = {
+    STOP: RequestWords(
+        "stop", "stop and let you pass", "stop to let them pass",
+        (
+            "Please stop and let me pass!", "Could you wait a moment, please?",
+            "Excuse me, could you stop for me, please?", "Would you please let me go first?",
+            "One moment, please: could you stop for a second?",
+        ),
+        (
+            "OK, I will stop to let you pass.", "Sure, I'll wait. After you!", "Of course, I'll stop for you.",
+            "Certainly, I'm stopping. Go ahead!",
+        ),
     ),
-    ("robot", NONE, "side"): (
-        "Please move to your {side}!", "Could you keep to your {side}, please?",
-        "Excuse me, would you go to your {side}?",
-        "Would you please pass on your {side}?", "Please keep {side}, then we can both pass.",
-    ),
-    ("robot", AGREES, "any"): (
-        "Thank you!", "Thanks a lot!", "That's very kind, thank you.", "Thanks, have a nice day!",
-    ),
-    ("robot", REFUSES, "any"): (
+    RIGHT: _side_words("right"),
+    LEFT: _side_words("left"),
+}  # fmt: skip
+_ANSWERS = {
+    AGREES: ("Thank you!", "Thanks a lot!", "That's very kind, thank you.", "Thanks, have a nice day!"),
+    REFUSES: (
         "No problem, I'll stop and wait.", "Alright, I'll wait for you.", "Sorry! Please go first, I'll wait.",
         "Of course, I'll stop. After you!",
     ),
-    ("pedestrian", NONE, STOP): (
-        "OK, I will stop to let you pass.", "Sure, I'll wait. After you!", "Of course, I'll stop for you.",
-        "Certainly, I'm stopping. Go ahead!",
-    ),
-    ("pedestrian", NONE, "side"): (
-        "OK, I'll move to my {side}!", "Sure, I'll keep to my {side}.", "Thanks for telling me, I'll go to my {side}.",
-        "Of course, I'm going to my {side}.",
-    ),
-    ("nobody", NONE, "any"): (
-        "Sorry, I didn't understand. Could you say that again?", "Pardon? Could you repeat that, please?",
-        "I'm not sure what you mean. Could you say it another way?",
-    ),
 }  # fmt: skip
+_REPEATS = (
+    "Sorry, I didn't understand. Could you say that again?", "Pardon? Could you repeat that, please?",
+    "I'm not sure what you mean. Could you say it another way?",
+)  # fmt: skip
 
 
 class TemplateSpeaker:
@@ -77,13 +109,17 @@ class TemplateSpeaker:
 
 
 def sentences(context: Context) -> tuple[str, ...]:
-    """All templates of a context. ValueError: there is none."""
-    side = _SIDES.get(context.request)
-    for request in (context.request, "side" if side else None, "any"):
-        found = _TEMPLATES.get((context.asked_by, context.reply, request))
-        if found:
-            return tuple(sentence.format(side=side) for sentence in found)
-    raise ValueError(f"context is {context}: there is nothing to say")
+    """All templates of a context. ValueError: it has no meaning."""
+    words, found = REQUEST_WORDS.get(context.request), ()
+    if context.asked_by == "nobody":
+        found = _REPEATS
+    elif context.asked_by == "robot" and context.reply != NONE:
+        found = _ANSWERS[context.reply]
+    elif words is not None:
+        found = words.asks if context.asked_by == "robot" else words.does
+    if not found:
+        raise ValueError(f"context is {context}: there is nothing to say")
+    return found
 
 
 _DENIALS = re.compile(
@@ -167,8 +203,6 @@ _MEANINGS = {
     ("pedestrian", NONE): "The person asked you to {do}. Say that you will {do}.",
     ("nobody", NONE): "You did not understand the person. Ask them to repeat.",
 }
-_ASK = {STOP: "stop and let you pass", RIGHT: "move to your right", LEFT: "move to your left"}
-_DO = {STOP: "stop to let them pass", RIGHT: "move to my right", LEFT: "move to my left"}
 
 
 class LanguageModelSpeaker:
@@ -182,7 +216,8 @@ class LanguageModelSpeaker:
         """`Asked` about a sentence; a context that was worded before gets the same sentence again."""
         if context in self._said:
             return Answered(self._said[context])
-        ask, do = _ASK.get(context.request, ""), _DO.get(context.request, "")
+        words = REQUEST_WORDS.get(context.request)
+        ask, do = (words.ask, words.do) if words else ("", "")
         if context.asked_by == "robot":  # to "their" right, in words that the person may be told
             ask = ask.replace("let you", "let the robot")
         question = _MEANINGS[context.asked_by, context.reply].format(ask=ask, do=do)

@@ -5,25 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..language.speaker import REQUEST_WORDS, Context, sentences
 from ..training.rollout import Episode
 from ..world.types import AGREES, LEFT, NONE, REFUSES, RIGHT, STOP
 
-REQUEST_SENTENCES = {
-    STOP: "Please stop and let me pass!",
-    RIGHT: "Please move to your right!",
-    LEFT: "Please move to your left!",
-}
 MESSAGE_SENTENCES = {
     STOP: "I walk straight on - please stop!",
     RIGHT: "I keep right - please keep right too!",
     LEFT: "I keep left - please keep left too!",
 }
-CONSENT_SENTENCES = {
-    STOP: "OK, I will stop to let you pass.",
-    RIGHT: "OK, I'll move to my right.",
-    LEFT: "OK, I'll move to my left.",
-}
-_SHORT_REQUESTS = {STOP: "stop", RIGHT: "move right", LEFT: "move left"}
 _SHORT_MESSAGES = {STOP: "stop", RIGHT: "keep right", LEFT: "keep left"}
 
 
@@ -56,7 +46,7 @@ def utterances(episode: Episode) -> list[Utterance]:
 def in_short(utterance: Utterance, hearing: bool = True) -> str:
     """A label of two to four words from the robot's point of view: "asks: stop", "hears: keep right"."""
     if utterance.speaker == "robot":
-        return f"asks: {_SHORT_REQUESTS[utterance.said]}"
+        return f"asks: {REQUEST_WORDS[utterance.said].short}"
     return f"{'hears' if hearing else 'misses'}: {_SHORT_MESSAGES[utterance.said]}"
 
 
@@ -75,9 +65,9 @@ def captions(episode: Episode, t: int, hearing: bool = True) -> list[tuple[str, 
         request, message, reply = (int(getattr(encounters, field)[t, i]) for field in ("request", "message", "reply"))
         if request != NONE:
             addressee = "" if count == 1 else f" to {name.lower()}"
-            lines = [("robot", f'Robot{addressee}: "{REQUEST_SENTENCES[request]}"')]
+            lines = [("robot", f'Robot{addressee}: "{sentences(Context(request))[0]}"')]
             if reply == AGREES:
-                lines.append(("pedestrian", f'{name} agrees: "{CONSENT_SENTENCES[request]}"'))
+                lines.append(("pedestrian", f'{name} agrees: "{sentences(Context(request, "pedestrian"))[0]}"'))
             elif reply == REFUSES:
                 lines.append(("pedestrian", f"{name} refuses"))
             spoken.append((int(encounters.request_age[t, i]), lines))

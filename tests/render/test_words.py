@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxnav.render.words import REQUEST_SENTENCES, captions, ending, in_short, scene_title, utterances
+from jaxnav.language.speaker import REQUEST_WORDS
+from jaxnav.render.words import captions, ending, in_short, scene_title, utterances
 from jaxnav.world.types import MESSAGES, REQUESTS
 
 
@@ -39,7 +40,7 @@ def test_every_request_and_message_has_words_of_its_own(episodes, index):
     asked = _with(episodes[0], **_SILENT | {"request": index, "reply": 1})
     (who, request), (answerer, answer) = captions(asked, 2)
     assert (who, answerer) == ("robot", "pedestrian")
-    assert request == f'Robot: "{REQUEST_SENTENCES[index]}"'
+    assert request == f'Robot: "{REQUEST_WORDS[index].asks[0]}"'
     hand = REQUESTS[index].removeprefix("margin-")
     assert hand in request
     assert answer.startswith("Pedestrian agrees:")

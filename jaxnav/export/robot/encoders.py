@@ -42,24 +42,29 @@ def one_hot(index, first, count):
 
 SECTORS = 12  # of the scan
 # The factors that make the features below be of order 1.
-DIALOGUE = [1, 1, 0.1, 0.1] + 10 * [1]
-PERSON = [1, 1 / 4, 1 / 4, 1, 1, 1 / 2, 2, 2] + DIALOGUE
+PERSON = [1, 1 / 4, 1 / 4, 1, 1, 1 / 2, 2, 2]
+DIALOGUE = [1, 1, 0.1, 0.1]  # and 1 for each one that follows
 OWN = [1 / 6, 1 / 6, 1, 1, 1, 1, 1] + 2 * [1 / 6, 1 / 6, 1] + [1, 1]
 
 
-def person_features(x, heard):
-    """[B, K, 22] of each person: place, velocity, and the dialogue; PERSON."""
+def dialogue_factors(requests):
+    """The factor of each of `dialogue_features`."""
+    return DIALOGUE + (3 + requests + 3) * [1]
+
+
+def person_features(x, heard, requests):
+    """[B, K, 18 + requests] of each person: place, velocity, and the dialogue; PERSON, `dialogue_factors`."""
     place, velocity = x["pedestrians"][..., :2], x["pedestrians"][..., 2:]
     distance = norm(place)
     motion = [x["seen"].unsqueeze(-1), place, place / distance, torch.clamp(distance, max=2.0), velocity]
-    return torch.cat(motion + [dialogue_features(x, heard)], dim=-1)
+    return torch.cat(motion + [dialogue_features(x, heard, requests)], dim=-1)
 
 
-def dialogue_features(x, heard):
-    """[B, K, 14] of the dialogue with each person; DIALOGUE."""
+def dialogue_features(x, heard, requests):
+    """[B, K, 10 + requests] of the dialogue with each person. requests: how many there are, none included."""
     state = [x["is_open"], x["pedestrian_first"], x["message_age"], x["request_age"]]
     state = torch.clamp(torch.stack(state, dim=-1), max=10.0)
-    return torch.cat([state, heard, one_hot(x["asked"], 0, 4), one_hot(x["reply"], 0, 3)], dim=-1)
+    return torch.cat([state, heard, one_hot(x["asked"], 0, requests), one_hot(x["reply"], 0, 3)], dim=-1)
 
 
 def approach_features(x):
@@ -103,7 +108,7 @@ def somebody(x):
 class LidarEncoder(nn.Module):
     """Scan, people, dialogue and pose -> features; people are embedded one by one and summed."""
 
-    person_inputs = 22
+    more_inputs = 0  # of a person
 
     def __init__(self, sizes):
         super().__init__()
@@ -115,10 +120,12 @@ class LidarEncoder(nn.Module):
         constant(self, "sectors", np.concatenate(parts), np.int64)
         self.shape = (-1, sectors, len(parts[0]))
         constant(self, "rates", beams * [-0.5] + sectors * [-4.0])
-        constant(self, "person", PERSON)
+        self.requests = sizes["request_kinds"]
+        person = PERSON + dialogue_factors(self.requests)
+        constant(self, "person", person)
         constant(self, "own", OWN)
         self.scan = MLP(beams + sectors, [widths["scan"]])
-        self.people = MLP(self.person_inputs, [widths["pedestrians"]])
+        self.people = MLP(len(person) + self.more_inputs, [widths["pedestrians"]])
         self.features = widths["scan"] + widths["pedestrians"] + 15
 
     def forward(self, x, heard):
@@ -128,14 +135,14 @@ class LidarEncoder(nn.Module):
         return torch.cat([scan, people, own_features(x) * self.own], dim=-1)
 
     def describe(self, x, heard):
-        """[B, K, person_inputs] of each person."""
-        return person_features(x, heard) * self.person
+        """[B, K, inputs] of each person."""
+        return person_features(x, heard, self.requests) * self.person
 
 
 class LidarApproachEncoder(LidarEncoder):
     """The same, told when and how near each person comes."""
 
-    person_inputs = 34
+    more_inputs = 12
 
     def describe(self, x, heard):
         return torch.cat([super().describe(x, heard), approach_features(x)], dim=-1)
@@ -152,9 +159,11 @@ class GridEncoder(nn.Module):
         cells = sizes["cells"] // 8
         self.features = widths["features"]
         self.image = nn.Linear(cells * cells * channels[-1], self.features)
-        self.talk = MLP(14, [widths["dialogue"]])
+        self.requests = sizes["request_kinds"]
+        factors = dialogue_factors(self.requests)
+        self.talk = MLP(len(factors), [widths["dialogue"]])
         self.both = MLP(self.features + 15 + widths["dialogue"], [self.features])
-        constant(self, "dialogue", DIALOGUE)
+        constant(self, "dialogue", factors)
         constant(self, "own", OWN)
 
     def forward(self, x, heard):
@@ -162,5 +171,5 @@ class GridEncoder(nn.Module):
         for convolution in self.convolutions:
             image = torch.relu(nn.functional.max_pool2d(convolution(image), 2))
         image = torch.relu(self.image(image.flatten(1)))
-        talk = (self.talk(dialogue_features(x, heard) * self.dialogue) * somebody(x)).sum(dim=1)
+        talk = (self.talk(dialogue_features(x, heard, self.requests) * self.dialogue) * somebody(x)).sum(dim=1)
         return self.both(torch.cat([image, own_features(x) * self.own, talk], dim=-1))
