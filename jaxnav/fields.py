@@ -20,6 +20,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 _RULE = "jaxnav"  # the key of a field's metadata
 
@@ -157,7 +158,7 @@ def check(config: Any, prefix: str) -> None:
     """Raise ValueError naming the first field of a dataclass that is out of its range. Traced values pass."""
     for field in dataclasses.fields(config):
         rule, value = rule_of(field), getattr(config, field.name)
-        if rule is None or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
+        if rule is None or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
             continue
         if not rule.holds(value):
             raise ValueError(f"{prefix}.{field.name} is {value!r}: give {rule.allowed}".lstrip("."))

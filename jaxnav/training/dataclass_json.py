@@ -3,9 +3,7 @@
 import dataclasses
 import types
 import typing
-from typing import Any, TypeVar
-
-_Class = TypeVar("_Class")
+from typing import Any
 
 
 def to_json(value: Any) -> Any:
@@ -17,7 +15,7 @@ def to_json(value: Any) -> Any:
     return value
 
 
-def from_json(cls: type[_Class], data: dict[str, Any]) -> _Class:
+def from_json(cls: Any, data: dict[str, Any]) -> Any:
     """The dataclass ``cls`` from the result of `to_json`; ValueError names a field that is missing or unknown."""
     hints = typing.get_type_hints(cls)
     fields = {field.name for field in dataclasses.fields(cls)}

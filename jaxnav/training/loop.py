@@ -18,8 +18,7 @@ from .config import TrainConfig
 from .randomise import draw
 
 
-@struct.dataclass
-class LoopState:
+class LoopState(struct.PyTreeNode):
     """Everything that training goes on from. As ``vmap`` axes or shardings it has these in place of arrays.
 
     counter: steps of all episodes so far.

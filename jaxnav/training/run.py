@@ -28,8 +28,7 @@ from .provenance import provenance
 _FREE_FIELDS = ("out", "resume", "train.checkpoint_seconds")
 
 
-@struct.dataclass
-class Best:
+class Best(struct.PyTreeNode):
     """The actor that did best in an evaluation during training, by its worst scene; score -1 before the first."""
 
     actor: Any
@@ -37,8 +36,7 @@ class Best:
     step: jax.Array
 
 
-@struct.dataclass
-class Progress:
+class Progress(struct.PyTreeNode):
     """What a checkpoint holds."""
 
     loop: LoopState

@@ -41,7 +41,8 @@ class WorldSettings(WorldConfig):
             parts["reward"] = plugins.load_part(self.reward, "reward")
         if plugins.is_file(self.people):
             parts["people"] = plugins.load_part(self.people, "people")
-        return World(WorldConfig(**fields | {"scenes": tuple(names)}), own.values(), **parts)
+        fields["scenes"] = tuple(names)
+        return World(WorldConfig(**fields), own.values(), **parts)
 
     def of_scenes(self, scenes: str | Sequence[str]) -> "WorldSettings":
         """The same in other scenes (see `scene_names`), with as many people as they take, and with the people there.

@@ -10,8 +10,9 @@ OBSERVATION_PARTS = ("scan", "pedestrians", "dialogue", "sensor_map", "pedestria
 
 def _names(value: object) -> bool:
     """Whether it is a tuple of one or more names, each once."""
-    strings = isinstance(value, tuple) and all(isinstance(name, str) for name in value)
-    return strings and len(value) > 0 and len(set(value)) == len(value)
+    if not isinstance(value, tuple) or not all(isinstance(name, str) for name in value):
+        return False
+    return len(value) > 0 and len(set(value)) == len(value)
 
 
 @dataclasses.dataclass(frozen=True)

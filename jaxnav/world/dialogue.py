@@ -158,7 +158,7 @@ def advance(
     held = jnp.where(message != NONE, encounter.utterance, 0)
     utterance = jnp.where(speaks | (chats & (message == NONE)), (word & 0xFFFF) + 1, held)
 
-    def freeze(now, before, anew=False):
+    def freeze(now, before, anew: jax.Array | bool = False):
         return jnp.where(opens | anew, now, before)
 
     return encounter.replace(

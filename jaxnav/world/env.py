@@ -1,11 +1,14 @@
 """The world: reset, step and observe one episode. The only file that knows all the others."""
 
+import functools
 import itertools
+import operator
 from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from . import delays, dialogue, placement, scenes, sensing
 from .config import WorldConfig
@@ -133,7 +136,7 @@ class World:
         key_place, key_traits, key_words = jax.random.split(key, 3)
         bits = jax.random.bits(key_words, (self.config.pedestrians + 2,), jnp.uint32)
         choice, words = bits[0], bits[2:]
-        seed = bits[1] if seed is None else seed
+        seed = bits[1] if seed is None else jnp.asarray(seed, jnp.uint32)
         if scene is None:
             scene = (choice % len(self.scenes)).astype(jnp.int32)
         walls, floors = self.walls(scene), _row(self._floor_table, scene)
@@ -171,12 +174,12 @@ class World:
         scan_range = params.scan_range
         moves = {name: getattr(params, name) for name in ("dt", "max_v", "robot_radius")}
         loaded = f"scene {self.scenes[0].name} was loaded for up to"
-        if not isinstance(scan_range, jax.core.Tracer) and np.any(np.asarray(scan_range) > self._cells.scan_range):
+        if not isinstance(scan_range, Tracer) and np.any(np.asarray(scan_range) > self._cells.scan_range):
             raise ValueError(
                 f"world.params.scan_range is {scan_range}: {loaded} {self._cells.scan_range} m; "
                 "load it for a longer one"
             )
-        if any(isinstance(value, jax.core.Tracer) for value in moves.values()):
+        if any(isinstance(value, Tracer) for value in moves.values()):
             return
         reach = np.max(body_reach(params))
         if reach > self._cells.margin + 1e-6:  # a micrometre for rounding: params may be of single precision
@@ -224,7 +227,7 @@ class World:
         t = state.t + 1
         terminated = arrived | collided
         outcome = Outcome(
-            reward=sum(terms.values()), reward_terms=terms, terminated=terminated,
+            reward=functools.reduce(operator.add, terms.values()), reward_terms=terms, terminated=terminated,
             truncated=(t >= params.max_steps) & ~terminated, arrived=arrived, collided=collided,
             hit_pedestrian=hit_pedestrian, requested=jnp.max(asked), reply=jnp.max(replies),
             pedestrian_distance=distance, goal_distance=goal_distance,

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-import jax
 import numpy as np
 from flax import struct
+from jax.core import Tracer
 
 from ..fields import check, number, probability
 from .config import WorldConfig
@@ -15,8 +15,7 @@ CLEARANCE = 0.3  # from starts and goals to walls, m
 _BOUNDED = (("scan_latency", "scan_delay"), ("control_latency", "control_delay"), ("crowd_size", "pedestrians"))
 
 
-@struct.dataclass
-class Params:
+class Params(struct.PyTreeNode):
     """Every float of the world: leaves, so that ``vmap`` over them is domain randomisation.
 
     Sections are those of docs/world.md. `check_params` checks the ranges.
@@ -114,4 +113,4 @@ def check_params(params: Params, config: WorldConfig = WorldConfig()) -> None:
 
 
 def _traced(value: Any) -> bool:
-    return isinstance(value, jax.core.Tracer)
+    return isinstance(value, Tracer)

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +11,7 @@ from flax import struct
 from .params import Params
 
 
-@struct.dataclass
-class StepEvents:
+class StepEvents(struct.PyTreeNode):
     """The events of one step.
 
     arrived:       bool, it reached the goal.
@@ -114,11 +114,14 @@ def check_reward(function: RewardFunction, name: str) -> None:
         inspect.signature(function).bind(None, None)
     except TypeError as error:
         raise ValueError(f"world.reward is {name}, which doesn't take two arguments ({error}): {remedy}") from None
-    flags = dict.fromkeys(("arrived", "collided", "hit_pedestrian", "fits", "follows"), jax.ShapeDtypeStruct((), bool))
-    floats = dict.fromkeys(
+    flags: dict[str, Any] = dict.fromkeys(
+        ("arrived", "collided", "hit_pedestrian", "fits", "follows"), jax.ShapeDtypeStruct((), bool)
+    )
+    floats: dict[str, Any] = dict.fromkeys(
         ("progress", "goal_distance", "distance", "min_distance", "v", "w"), jax.ShapeDtypeStruct((), jnp.float32)
     )
-    events = StepEvents(requested=jax.ShapeDtypeStruct((), jnp.int32), **flags, **floats)
+    flags["requested"] = jax.ShapeDtypeStruct((), jnp.int32)
+    events = StepEvents(**flags, **floats)
     try:
         terms = jax.eval_shape(function, events, Params())
     except Exception as error:

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 
 # Requests of the robot to a pedestrian, and messages of a pedestrian to the robot (docs/world.md section 6).
@@ -19,16 +20,14 @@ NONE, STOP, RIGHT, LEFT = range(4)
 AGREES, REFUSES = 1, 2
 
 
-@struct.dataclass
-class Action:
+class Action(struct.PyTreeNode):
     """twist: `[2]` in [-1, 1], scaled to [0, max_v] and [-max_w, max_w]; request: int, an index into `REQUESTS`."""
 
     twist: jax.Array
     request: jax.Array
 
 
-@struct.dataclass
-class WallCells:
+class WallCells(struct.PyTreeNode):
     """Walls that can be seen, or touched within a step, from each square cell of a large floor plan.
 
     walls:      `[rows, columns, K]` int32 indices into the solid walls of all chains, padded with -1.
@@ -46,8 +45,7 @@ class WallCells:
     margin: float
 
 
-@struct.dataclass
-class Walls:
+class Walls(struct.PyTreeNode):
     """Closed polygon chains drawn with one pen: wall i joins vertex i to vertex i + 1 where ``solid[i]``.
 
     Padding repeats the last vertex. Free space lies to the left of every wall.
@@ -60,11 +58,11 @@ class Walls:
     listed: `[K]` indices of the walls that count, the result of `near`; None where all count.
     """
 
-    x: jax.Array
-    y: jax.Array
-    solid: jax.Array
-    before: jax.Array
-    after: jax.Array
+    x: jax.Array | np.ndarray
+    y: jax.Array | np.ndarray
+    solid: jax.Array | np.ndarray
+    before: jax.Array | np.ndarray
+    after: jax.Array | np.ndarray
     cells: WallCells | None = None
     listed: jax.Array | None = None
 
@@ -78,7 +76,7 @@ class Walls:
         row = jnp.clip(jnp.floor((y - cells.y) / cells.size), 0, rows - 1).astype(jnp.int32)
         return self.replace(cells=None, listed=jnp.asarray(cells.walls)[row, column])
 
-    def segments(self) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]:
+    def segments(self) -> tuple[Any, Any, Any, Any, Any]:
         """(ax, ay, bx, by, solid), each `[W]`, or `[K]` where only some are listed: both ends of every wall."""
         if self.listed is None:
             return self.x[:-1], self.y[:-1], self.x[1:], self.y[1:], self.solid
@@ -87,8 +85,7 @@ class Walls:
         return x[i], y[i], x[i + 1], y[i + 1], solid[i] & (self.listed >= 0)
 
 
-@struct.dataclass
-class Robot:
+class Robot(struct.PyTreeNode):
     """The robot.
 
     x, y, heading:  pose.
@@ -109,8 +106,7 @@ class Robot:
     past: jax.Array
 
 
-@struct.dataclass
-class Pedestrian:
+class Pedestrian(struct.PyTreeNode):
     """A pedestrian. In `State` every field is `[P]`.
 
     x, y:           position.
@@ -137,8 +133,7 @@ class Pedestrian:
         return jnp.where(self.turned, self.goal_x, self.via_x), jnp.where(self.turned, self.goal_y, self.via_y)
 
 
-@struct.dataclass
-class PedestrianTraits:
+class PedestrianTraits(struct.PyTreeNode):
     """Chance in a pedestrian's one encounter, drawn at reset. In `State` every field is `[P]`.
 
     first:        uniform in [0, 1), compared with the probability of speaking first.
@@ -161,8 +156,7 @@ class PedestrianTraits:
     decide_delay: jax.Array
 
 
-@struct.dataclass
-class Encounter:
+class Encounter(struct.PyTreeNode):
     """The state of the dialogue with a pedestrian. In `State` every field is `[P]`.
 
     met:                bool, an encounter has opened in this episode.
@@ -203,8 +197,7 @@ class Encounter:
     robot_uy: jax.Array
 
 
-@struct.dataclass
-class View:
+class View(struct.PyTreeNode):
     """The moment at which a scan is taken.
 
     t:                  step.
@@ -224,8 +217,7 @@ class View:
     pedestrian_vy: jax.Array
 
 
-@struct.dataclass
-class State:
+class State(struct.PyTreeNode):
     """One episode.
 
     t:             steps taken.
@@ -254,8 +246,7 @@ class State:
     people_memory: Any = None
 
 
-@struct.dataclass
-class SeenPedestrian:
+class SeenPedestrian(struct.PyTreeNode):
     """The part of a pedestrian and its encounter that `observe` reads. In `Snapshot` every field is `[P]`."""
 
     present: jax.Array
@@ -274,8 +265,7 @@ class SeenPedestrian:
     utterance: jax.Array
 
 
-@struct.dataclass
-class Snapshot:
+class Snapshot(struct.PyTreeNode):
     """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
 
     91 bytes with one pedestrian, 28 more for each further one; a step of ``scan_delay`` adds 14 and 17 a pedestrian.
@@ -298,8 +288,7 @@ class Snapshot:
     past_views: View | None = None
 
 
-@struct.dataclass
-class ObservedDialogue:
+class ObservedDialogue(struct.PyTreeNode):
     """The dialogue with each observed pedestrian, `[K]` int32 each, `utterance` uint32; all zero while silent."""
 
     is_open: jax.Array
@@ -312,8 +301,7 @@ class ObservedDialogue:
     utterance: jax.Array
 
 
-@struct.dataclass
-class Observation:
+class Observation(struct.PyTreeNode):
     """The robot's senses. Parts that ``WorldConfig.observation`` leaves out are None.
 
     pose:            `[3, 3]` goal x, goal y in the robot frame and turned angle at t - 2, t - 1, t.
@@ -338,8 +326,7 @@ class Observation:
     pedestrian_map: jax.Array | None = None
 
 
-@struct.dataclass
-class Outcome:
+class Outcome(struct.PyTreeNode):
     """The result of a step.
 
     reward:              sum of ``reward_terms``.
