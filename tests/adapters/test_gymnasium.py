@@ -157,6 +157,6 @@ def test_people_and_delays_are_those_of_the_world():
     late = World(WorldConfig(scenes=("doorway",), scan_delay=2))
     assert vector_world.VectorWorld(2, late).params.preferred_speed == 1.2
     assert vector_world.VectorWorld(2, late, Params(scan_latency=2)).params.scan_latency == 2
-    office = maps.load(OFFICE, meetings=16, strolls=4, cell=4.0)
+    office = maps.load(OFFICE, meetings=256, strolls=64, cell=4.0)
     envs = vector_world.VectorWorld(2, World(WorldConfig(scenes=(office.name,), beams=16), [office]))
     assert envs.single_observation_space["scan"].shape == (16,)
