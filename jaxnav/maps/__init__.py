@@ -5,12 +5,11 @@ import pathlib
 from typing import Any
 
 import cv2
-import jax.numpy as jnp
 import numpy as np
 
 from ..world.config import MAX_PEDESTRIANS
 from ..world.params import CLEARANCE
-from ..world.scenes import Scene, straight
+from ..world.scenes import Scene
 from . import occupancy, placements, polygons, visibility
 
 __all__ = ["load"]
@@ -60,20 +59,14 @@ def load(
         raise ValueError(f"map {path}: {error}") from None
     corners = np.concatenate(chains)
     (low_x, low_y), (high_x, high_y) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    lines = placements.sample_strolls(rng, lines[:strolls])
-
-    def stroll(u: Any) -> Any:
-        row = jnp.minimum((u[0] * len(lines)).astype(jnp.int32), len(lines) - 1)
-        return straight(*jnp.moveaxis(jnp.asarray(lines)[row], -1, 0))
-
     return Scene(
         name=str(path),
         chains=tuple(tuple((float(x), float(y)) for x, y in chain) for chain in chains),
         # Starts and goals are drawn clear of walls: the floor only has to contain them.
         floors=((low_x, low_y, high_x, high_y),),
         capacity=int(np.clip(np.count_nonzero(room) * scale**2 / _FLOOR, 1, MAX_PEDESTRIANS)),
-        meet=found.draw,
-        stroll=stroll,
+        meet=placements.meet(found),
+        stroll=placements.stroll(placements.sample_strolls(rng, lines[:strolls])),
         cells=visibility.visible_walls(chains, cell, margin, scan_range),
     )
 

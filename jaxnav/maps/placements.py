@@ -1,13 +1,13 @@
 """Starts and goals of robots on a map and lines of pedestrians across their paths, sampled when a map is loaded."""
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import jax.numpy as jnp
 import numpy as np
 
+from ..world.placement import FromTable
 from ..world.scenes import straight
 from .occupancy import OccupancyMap
 from .paths import along, length, reach, sample_paths
@@ -24,8 +24,7 @@ _DRAWS = 64  # of ``count`` lines each, before fewer are enough
 _STROLL = (2.0, 8.0)  # m
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Meetings:
+class Meetings(NamedTuple):
     """N ways of a robot, each crossed by a pedestrian's straight line. Every field is float32 `[N]`.
 
     x, y:           the robot's start.
@@ -48,20 +47,34 @@ class Meetings:
     behind: np.ndarray
     ahead: np.ndarray
 
-    def draw(self, u: Any, robot_speed: Any, pedestrian_speed: Any) -> tuple[tuple[Any, Any, Any, Any], Any]:
-        """((robot x, y, goal x, goal y), the pedestrian's route) for uniform numbers ``u`` in [0, 1).
 
-        The pedestrian starts so that it reaches the meeting point together with the robot, give or take 0.4 m, or as
-        far back as its line allows. Traceable by jax; u: a sequence of at least two arrays.
-        """
-        row = jnp.minimum((u[0] * self.x.size).astype(jnp.int32), self.x.size - 1)
-        at = {field.name: jnp.asarray(getattr(self, field.name))[row] for field in dataclasses.fields(self)}
-        behind = pedestrian_speed * at["distance"] / robot_speed + 0.8 * (u[1] - 0.5)
-        behind = jnp.clip(behind, 0.0, at["behind"])
-        ahead = jnp.minimum(at["ahead"], _WALK_ON[1])
-        x, y = at["meet_x"] - behind * at["ux"], at["meet_y"] - behind * at["uy"]
-        goal_x, goal_y = at["meet_x"] + ahead * at["ux"], at["meet_y"] + ahead * at["uy"]
-        return (at["x"], at["y"], at["goal_x"], at["goal_y"]), straight(x, y, goal_x, goal_y)
+def meet(meetings: Meetings) -> FromTable:
+    """``Scene.meet`` of these meetings; maps share its program."""
+    return FromTable(_meet, meetings)
+
+
+def _meet(at: Any, u: Any, robot_speed: Any, pedestrian_speed: Any) -> tuple[tuple[Any, Any, Any, Any], Any]:
+    """((robot x, y, goal x, goal y), the pedestrian's route) of the meetings ``at``, some of `Meetings`.
+
+    The pedestrian starts so that it reaches the meeting point together with the robot, give or take 0.4 m, or as far
+    back as its line allows. u: uniform numbers in [0, 1), a sequence of at least two arrays.
+    """
+    behind = pedestrian_speed * at.distance / robot_speed + 0.8 * (u[1] - 0.5)
+    behind = jnp.clip(behind, 0.0, at.behind)
+    ahead = jnp.minimum(at.ahead, _WALK_ON[1])
+    x, y = at.meet_x - behind * at.ux, at.meet_y - behind * at.uy
+    goal_x, goal_y = at.meet_x + ahead * at.ux, at.meet_y + ahead * at.uy
+    return (at.x, at.y, at.goal_x, at.goal_y), straight(x, y, goal_x, goal_y)
+
+
+def stroll(lines: np.ndarray) -> FromTable:
+    """``Scene.stroll`` along ``lines`` `[S, 4]`, from `sample_strolls`; maps share its program."""
+    return FromTable(_stroll, lines)
+
+
+def _stroll(line: Any, u: Any) -> Any:
+    del u
+    return straight(*jnp.moveaxis(line, -1, 0))
 
 
 def standing_room(free: np.ndarray, clearance: float) -> np.ndarray:

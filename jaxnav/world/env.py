@@ -82,8 +82,9 @@ class World:
                 raise ValueError(
                     f"world.pedestrians is {config.pedestrians}: scene {scene.name} needs at least {least}"
                 )
-            if scene.name not in scenes.BUILT_IN:  # those are tested
-                placement.check_starts(scene, config.pedestrians)
+        own = [scene for scene in self.scenes if scene.name not in scenes.BUILT_IN]  # the others are tested
+        if own:
+            placement.check_starts(own, config.pedestrians)
         model = choose_people(config) if people is None else people
         check_model(model)
         self._model = model

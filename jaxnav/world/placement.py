@@ -3,7 +3,9 @@
 The first candidate that keeps its distances is taken, so that a reset has a fixed cost.
 """
 
-import functools
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +16,7 @@ from .geometry import norm, unit
 from .params import CLEARANCE, Params
 from .scenes import straight
 from .types import Pedestrian
-from .walls import is_inside, wall_clearance, walls_from_chains
+from .walls import is_inside, pad_walls, wall_clearance, walls_from_chains
 
 ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
 PEDESTRIAN_GAP = 0.6  # between pedestrians at the start
@@ -38,6 +40,71 @@ def floor_table(scenes):
     return Floors(sides=np.stack(sides).astype(np.float32), count=np.array([len(scene.floors) for scene in scenes]))
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class FromTable:
+    """A ``meet`` or ``stroll`` that draws a row of a table: scenes that differ in numbers alone share its program.
+
+    A world of many such scenes lays their tables one after the other and compiles ``function`` once. Called by itself
+    it draws from its own table.
+
+    function: (row, uniform numbers, *speeds) -> what ``meet`` or ``stroll`` returns; the same object in all the scenes.
+    table:    numbers to choose from, a pytree of arrays `[N, ...]`. The first of the uniform numbers chooses the row;
+              ``row`` has leaves `[C, ...]` for numbers `[C]`. One row is a scene's parameters.
+    """
+
+    function: Callable
+    table: Any
+
+    def __call__(self, numbers, *speeds):
+        return self.draw(self.table, 0, self.size, numbers, *speeds)
+
+    @property
+    def size(self) -> int:
+        """N, the number of rows."""
+        return len(jax.tree.leaves(self.table)[0])
+
+    def shape(self):
+        """What has to agree, beside the function, for tables to be laid one after the other."""
+        leaves, tree = jax.tree.flatten(self.table)
+        return tree, tuple((leaf.shape[1:], leaf.dtype) for leaf in leaves)
+
+    def draw(self, table, first, count, numbers, *speeds):
+        """What `function` says of one of the rows ``first`` to ``first + count - 1`` of a table like its own."""
+        row = first + jnp.minimum((numbers[0] * count).astype(jnp.int32), count - 1)
+        return self.function(jax.tree.map(lambda leaf: jnp.asarray(leaf)[row], table), numbers, *speeds)
+
+
+def draw_of_scene(draws: Sequence[Callable], scene, *arguments):
+    """What the function of the scene with index ``scene`` returns for ``arguments``.
+
+    draws: a function for each scene. Each different one is compiled once, however many scenes have it; so is that of
+    all `FromTable` with one function.
+    """
+    programs = {}
+    for number, draw in enumerate(draws):
+        kind = (draw.function, *draw.shape()) if isinstance(draw, FromTable) else draw
+        programs.setdefault(kind, []).append(number)
+    which = np.zeros(len(draws), np.int32)
+    branches = []
+    for numbers in programs.values():
+        which[numbers] = len(branches)
+        branches.append(_branch([draws[number] for number in numbers], numbers, len(draws), scene))
+    return jax.lax.switch(jnp.asarray(which)[scene], branches, *arguments)
+
+
+def _branch(draws, numbers, scenes, scene):
+    """The one function of those ``draws`` that share a program, which are those of the scenes ``numbers``."""
+    draw = draws[0]
+    if not isinstance(draw, FromTable) or len(draws) == 1:
+        return draw
+    table = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(one.table for one in draws))
+    sizes = [one.size for one in draws]
+    first, count = np.zeros(scenes, np.int32), np.ones(scenes, np.int32)
+    first[numbers], count[numbers] = np.cumsum([0, *sizes[:-1]]), sizes
+    first, count = jnp.asarray(first)[scene], jnp.asarray(count)[scene]
+    return lambda *arguments: draw.draw(table, first, count, *arguments)
+
+
 def place(key, scenes, scene, walls, floors, pedestrians, params):
     """Start of an episode: ((robot x, y, heading, goal x, goal y), `Pedestrian` `[P]`).
 
@@ -49,8 +116,7 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
     # A last row turns the robot: 31 numbers too many cost less than one draw more.
     *numbers, turns = jax.random.uniform(key_meet, (_DRAWS + 1, _CANDIDATES))
     # Only the candidates differ from scene to scene: what follows is compiled once, not once a scene.
-    branches = [functools.partial(_candidates, scene=kind, params=params) for kind in scenes]
-    robots, firsts = jax.lax.switch(scene, branches, numbers)
+    robots, firsts = _meetings(numbers, scenes, scene, params)
     chosen = _choose(robots, firsts, walls, floors)
     x, y, goal_x, goal_y = robots[:, chosen]
     heading = jnp.arctan2(goal_y - y, goal_x - x) + (2.0 * turns[0] - 1.0) * 0.3
@@ -64,9 +130,9 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
     return (x, y, heading, goal_x, goal_y), _at_start(*routes, present, params)
 
 
-def _candidates(numbers, scene, params):
-    """Candidates `[., C]`: the robot's start and goal `[4, C]`, the first pedestrian's route `[6, C]`."""
-    robot, first = scene.meet(numbers, params.max_v, params.preferred_speed)
+def _meetings(numbers, scenes, scene, params):
+    """Candidates of one of the scenes: the robot's start and goal `[4, C]`, the first pedestrian's route `[6, C]`."""
+    robot, first = draw_of_scene([one.meet for one in scenes], scene, numbers, params.max_v, params.preferred_speed)
     return jnp.stack(robot), jnp.stack(first)
 
 
@@ -80,26 +146,37 @@ def _choose(robots, firsts, walls, floors):
     return jnp.argmin(jnp.maximum(short, 0.0))
 
 
-def check_starts(scene, pedestrians):
-    """Try a few episodes of a scene with its own people; ValueError: somebody outside of the walls, or in another body.
+def check_starts(scenes, pedestrians):
+    """Try a few episodes of each scene with its own people.
 
-    pedestrians: how many the world holds.
+    pedestrians: how many the world holds. ValueError: somebody starts or ends outside of the walls or in another body.
     """
-    params, walls = Params(**scene.params), walls_from_chains(scene.chains)
+    walls, floors = pad_walls([walls_from_chains(scene.chains) for scene in scenes]), floor_table(scenes)
     numbers = np.random.default_rng(0).random((_TRIES, _DRAWS, _CANDIDATES), np.float32)
-    strolls = min(pedestrians, scene.crowd[1] if scene.crowd else pedestrians) > 1
+    several = [min(pedestrians, scene.crowd[1] if scene.crowd else pedestrians) > 1 for scene in scenes]
 
-    @jax.jit
-    @jax.vmap
-    def starts(numbers):
-        floors = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), floor_table([scene]))
-        robots, firsts = _candidates(list(numbers), scene, params)
-        chosen = _choose(robots, firsts, walls, floors)
-        return robots[:, chosen], firsts[:, chosen], _stroll(numbers[:5], scene, floors) if strolls else firsts[:, :0]
+    @jax.jit  # once for all scenes
+    def starts(scene, params):
+        own_walls, own_floors = jax.tree.map(lambda leaf: jnp.asarray(leaf)[scene], (walls, floors))
 
-    # Also where a world is made while something is traced.
-    with jax.ensure_compile_time_eval():
-        robot, first, further = (np.asarray(part) for part in starts(numbers))
+        def start(numbers):
+            robots, firsts = _meetings(list(numbers), scenes, scene, params)
+            chosen = _choose(robots, firsts, own_walls, own_floors)
+            further = _stroll(numbers[:5], scenes, scene, own_floors) if any(several) else firsts[:, :0]
+            return robots[:, chosen], firsts[:, chosen], further
+
+        return jax.vmap(start)(numbers)
+
+    for number, scene in enumerate(scenes):
+        params = Params(**scene.params)
+        # Also where a world is made while something is traced.
+        with jax.ensure_compile_time_eval():
+            robot, first, further = (np.asarray(part) for part in starts(jnp.int32(number), params))
+        _check_starts(scene, params, robot, first, further if several[number] else further[..., :0])
+
+
+def _check_starts(scene, params, robot, first, further):
+    """`check_starts` of one scene: starts and goals of robots `[T, 4]`, routes `[T, 6]` and `[T, 6, C]` of others."""
     ends = [robot[:, :2], robot[:, 2:], first[:, :2], first[:, 4:]]
     ends += [np.moveaxis(further[:, i : i + 2], 1, -1).reshape(-1, 2) for i in (0, 4)]
     x, y = np.concatenate(ends).T
@@ -148,10 +225,7 @@ def _strollers(key, scenes, scene, floors, count, robot_x, robot_y, first):
     def one(placed, index_and_key):
         index, key = index_and_key
         u = jax.random.uniform(key, (5, 4 * _CANDIDATES))
-        kinds = {one.stroll: one for one in scenes}
-        branches = [functools.partial(_stroll, scene=one, floors=floors) for one in kinds.values()]
-        which = jnp.array([list(kinds).index(one.stroll) for one in scenes])[scene]
-        routes = jax.lax.switch(which, branches, u)
+        routes = _stroll(u, scenes, scene, floors)
         x, y = routes[:2]
         gap = norm(x[:, None] - placed[0][None], y[:, None] - placed[1][None]) - PEDESTRIAN_GAP
         gap = jnp.where((jnp.arange(count + 1) <= index)[None], gap, jnp.inf).min(axis=1)
@@ -163,9 +237,13 @@ def _strollers(key, scenes, scene, floors, count, robot_x, robot_y, first):
     return jax.lax.scan(one, start, (jnp.arange(count), jax.random.split(key, count)))[0][:, 1:]
 
 
-def _stroll(u, scene, floors):
-    """Routes `[6, ...]` of a scene's further pedestrians."""
-    return jnp.stack(_stroll_on_floor(u, floors) if scene.stroll is None else scene.stroll(u))
+def _stroll(u, scenes, scene, floors):
+    """Routes `[6, ...]` of further pedestrians in the scene with index ``scene``; ``floors``: its own."""
+
+    def on_floor(u):
+        return _stroll_on_floor(u, floors)
+
+    return jnp.stack(draw_of_scene([one.stroll or on_floor for one in scenes], scene, u))
 
 
 def _stroll_on_floor(u, floors):

@@ -57,7 +57,7 @@ def test_loading_is_deterministic_and_the_seed_counts(write_map):
     one, again, other = (maps.load(path, meetings=64, seed=seed) for seed in (0, 0, 1))
     u = [np.linspace(0, 1, 50, endpoint=False)]
     np.testing.assert_array_equal(one.stroll(u), again.stroll(u))
-    np.testing.assert_array_equal(one.meet.__self__.meet_x, again.meet.__self__.meet_x)
+    np.testing.assert_array_equal(one.meet.table.meet_x, again.meet.table.meet_x)
     assert not np.array_equal(one.stroll(u), other.stroll(u))
 
 
@@ -76,7 +76,7 @@ def test_loading_is_deterministic_and_the_seed_counts(write_map):
 def test_a_map_in_which_nobody_can_go_anywhere_is_refused(write_map, image, fields, said):
     path = write_map(image, **fields)
     if said is None:
-        assert maps.load(path, meetings=16).meet.__self__.x.size == 16
+        assert maps.load(path, meetings=16).meet.table.x.size == 16
         return
     with pytest.raises(ValueError, match=said) as error:
         maps.load(path)

@@ -1,7 +1,5 @@
 """Starts, goals and crossing lines: clear of walls, joined by a short path, and timed to meet."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -88,7 +86,9 @@ def test_who_gives_way_to_nobody_is_touched(hall):
     """Robot and pedestrian walk straight on; the pedestrian's line has room enough to be on time."""
     assert hall.x.size == 2000
     u = np.stack([(np.arange(2000) + 0.5) / 2000, np.full(2000, 0.5)])
-    (x, y, goal_x, goal_y), (px, py, _, _, pgx, pgy) = (np.array(part, float) for part in hall.draw(u, FAST, SLOW))
+    (x, y, goal_x, goal_y), (px, py, _, _, pgx, pgy) = (
+        np.array(part, float) for part in placements.meet(hall)(u, FAST, SLOW)
+    )
     length, walk = np.hypot(goal_x - x, goal_y - y), np.hypot(pgx - px, pgy - py)
     ux, uy, vx, vy = (goal_x - x) / length, (goal_y - y) / length, (pgx - px) / walk, (pgy - py) / walk
     t = np.linspace(0, 20, 2001)[:, None]
@@ -108,7 +108,7 @@ def test_who_gives_way_to_nobody_is_touched(hall):
 
 @pytest.mark.parametrize(("speed", "robot_speed"), [(0.5, 0.6), (0.2, 0.6), (1.2, 0.6), (0.5, 0.3)])
 def test_the_pedestrian_starts_where_its_speed_says_or_as_far_as_its_line_reaches(office, speed, robot_speed):
-    table = office.meet.__self__
+    table = office.meet.table
     u = np.stack([(np.arange(table.x.size) + 0.5) / table.x.size, np.linspace(0, 1, table.x.size)])
     _, (px, py, *_) = office.meet(u, robot_speed, speed)
     behind = np.hypot(px - table.meet_x, py - table.meet_y)
@@ -119,7 +119,7 @@ def test_the_pedestrian_starts_where_its_speed_says_or_as_far_as_its_line_reache
 
 def test_all_of_the_table_is_drawn_evenly_and_by_seed(office, scene):
     robots, walkers = draw(scene, count=8000)
-    table = scene.meet.__self__
+    table = scene.meet.table
     assert table.x.size > 3000
     drawn = 1 - np.exp(-8000 / table.x.size)  # of the rows, by chance
     rows = np.unique(np.concatenate([robots, walkers[:, 2:]], axis=1), axis=0)
@@ -127,8 +127,8 @@ def test_all_of_the_table_is_drawn_evenly_and_by_seed(office, scene):
     assert np.unique(robots, axis=0).shape[0] > 900  # each of 1,025 paths up to four times
     np.testing.assert_array_equal(robots, draw(scene, count=8000)[0])
     u = np.full(12, 1 - 2**-24, np.float32)  # the largest number that jax draws
-    assert office.meet(u, FAST, SLOW)[0][0] == office.meet.__self__.x[-1]
-    assert all(getattr(table, field.name).dtype == np.float32 for field in dataclasses.fields(table))
+    assert office.meet(u, FAST, SLOW)[0][0] == office.meet.table.x[-1]
+    assert all(leaf.dtype == np.float32 for leaf in table)
     assert np.isfinite(walkers).all()
 
 
