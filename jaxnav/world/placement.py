@@ -74,35 +74,36 @@ class FromTable:
         return self.function(jax.tree.map(lambda leaf: jnp.asarray(leaf)[row], table), numbers, *speeds)
 
 
-def draw_of_scene(draws: Sequence[Callable], scene, *arguments):
-    """What the function of the scene with index ``scene`` returns for ``arguments``.
+def draw_of_scene(draws: Sequence[Callable], scene, numbers, *speeds):
+    """What the function of the scene with index ``scene`` returns for uniform ``numbers`` and ``speeds``.
 
     draws: a function for each scene. Each different one is compiled once, however many scenes have it; so is that of
     all `FromTable` with one function.
     """
     programs = {}
-    for number, draw in enumerate(draws):
+    for index, draw in enumerate(draws):
         kind = (draw.function, *draw.shape()) if isinstance(draw, FromTable) else draw
-        programs.setdefault(kind, []).append(number)
+        programs.setdefault(kind, []).append(index)
     which = np.zeros(len(draws), np.int32)
     branches = []
-    for numbers in programs.values():
-        which[numbers] = len(branches)
-        branches.append(_branch([draws[number] for number in numbers], numbers, len(draws), scene))
-    return jax.lax.switch(jnp.asarray(which)[scene], branches, *arguments)
+    for members in programs.values():
+        which[members] = len(branches)
+        branches.append(_branch([draws[index] for index in members], members, len(draws), scene, speeds))
+    return jax.lax.switch(jnp.asarray(which)[scene], branches, numbers)
 
 
-def _branch(draws, numbers, scenes, scene):
-    """The one function of those ``draws`` that share a program, which are those of the scenes ``numbers``."""
+def _branch(draws, members, scenes, scene, speeds):
+    """A function of uniform numbers: that of ``draws``, which share a program, those of the scenes ``members``."""
     draw = draws[0]
+    # Speeds are no operands of the switch: where they are Python's numbers, they stay so.
     if not isinstance(draw, FromTable) or len(draws) == 1:
-        return draw
+        return lambda numbers: draw(numbers, *speeds)
     table = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(one.table for one in draws))
     sizes = [one.size for one in draws]
     first, count = np.zeros(scenes, np.int32), np.ones(scenes, np.int32)
-    first[numbers], count[numbers] = np.cumsum([0, *sizes[:-1]]), sizes
+    first[members], count[members] = np.cumsum([0, *sizes[:-1]]), sizes
     first, count = jnp.asarray(first)[scene], jnp.asarray(count)[scene]
-    return lambda *arguments: draw.draw(table, first, count, *arguments)
+    return lambda numbers: draw.draw(table, first, count, numbers, *speeds)
 
 
 def place(key, scenes, scene, walls, floors, pedestrians, params):

@@ -79,7 +79,7 @@ def test_scenes_draw_together_what_each_draws_alone(suite):
     u = np.random.default_rng(0).random((12, 32), np.float32)
     together = jax.jit(lambda scene: draw_of_scene(draws, scene, list(u), 0.6, 0.5))
     for i, draw in enumerate(draws):
-        alone = jax.jit(lambda branch, draw=draw: jax.lax.switch(branch, [draw, draw], list(u), 0.6, 0.5))(0)
+        alone = jax.jit(lambda branch, draw=draw: jax.lax.switch(branch, [lambda u: draw(u, 0.6, 0.5)] * 2, list(u)))(0)
         chex.assert_trees_all_equal(together(i), alone)
 
 
