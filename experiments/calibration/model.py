@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxnav.world import Params
-from jaxnav.world.geometry import norm, unit
+from jaxnav.world.geometry import Vec2, norm, unit
 from jaxnav.world.people.orca_people import permitted_velocity
 
 _ELSEWHERE = 1e3  # metres: where a neighbour is put that isn't there, so that its half-plane stays finite
@@ -115,7 +115,7 @@ def _choose_velocity(behaviour, velocity, others, want, setting, width):
 
     def avoiding(aware):
         seen = [(*agent[:5], agent[5] & aware[k]) for k, agent in enumerate(agents)]
-        return jnp.stack(permitted_velocity(*velocity, *want, [], seen, params))
+        return jnp.stack(permitted_velocity(Vec2(*velocity), Vec2(*want), [], seen, params))
 
     if width is None:
         return avoiding(distance < behaviour.awareness)

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..world.geometry import closest_approach, norm, unit
+from ..world.geometry import Vec2, closest_approach, norm, unit
 from ..world.types import REPLIES, REQUESTS, Observation, ObservedDialogue
 
 _TOP_SPEED = 0.6  # that of the default `Params`, m/s
@@ -45,7 +45,7 @@ def approach_features(observation: Observation) -> jax.Array:
     features = []
     for own_x, own_y in ((speed, 0.0), (_TOP_SPEED, 0.0), (_TOP_SPEED * goal_x, _TOP_SPEED * goal_y), (0.0, 0.0)):
         relative_x, relative_y = vx - own_x, vy - own_y
-        time = closest_approach(x, y, relative_x, relative_y, _HORIZON)
+        time = closest_approach(Vec2(x, y), Vec2(relative_x, relative_y), _HORIZON)
         distance = norm(x + time * relative_x, y + time * relative_y)
         danger = jnp.exp(-0.5 * time - 3.0 * jnp.maximum(distance - 0.3, 0.0))
         features += [time / 4, jnp.minimum(distance, 2.0) / 2, danger]

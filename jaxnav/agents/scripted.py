@@ -11,7 +11,7 @@ from flax import struct
 
 from ..world import Action, Params, State, World
 from ..world.dialogue import fitting_request, may_request
-from ..world.geometry import closest_approach, cross2d, norm, unit
+from ..world.geometry import Vec2, closest_approach, norm, unit
 from ..world.linear_program import solve
 from ..world.orca import agent_half_plane, wall_half_planes
 from ..world.people.neighbors import near_walls
@@ -60,28 +60,28 @@ class Planner:
 
 def _orca_action(state, world, params):
     robot, people, walls = state.robot, state.pedestrians, world.walls(state.scene)
-    vx, vy = robot.v * jnp.cos(robot.heading), robot.v * jnp.sin(robot.heading)
+    velocity = Vec2(robot.v * jnp.cos(robot.heading), robot.v * jnp.sin(robot.heading))
     near = near_walls(robot.x, robot.y, walls, params.time_horizon_walls * params.max_v + params.robot_radius, 4)
-    wall_planes = wall_half_planes(near, vx, vy, params.robot_radius, params.time_horizon_walls)
+    wall_planes = wall_half_planes(near, velocity, params.robot_radius, params.time_horizon_walls)
     tracked = _tracked(state, world, walls, params)
     radius = params.robot_radius + params.body_radius
     agent_planes = [
         agent_half_plane(
-            people.x[i] - robot.x, people.y[i] - robot.y, vx, vy, people.vx[i], people.vy[i], radius,
+            Vec2(people.x[i] - robot.x, people.y[i] - robot.y), velocity, Vec2(people.vx[i], people.vy[i]), radius,
             params.time_horizon, params.dt, tracked[i],
         )
         for i in range(world.config.pedestrians)
     ]  # fmt: skip
     target_x, target_y = _local_goal(state, world, walls, params)
     ux, uy = unit(target_x - robot.x, target_y - robot.y)
-    vx, vy = solve(wall_planes, agent_planes, params.max_v * ux, params.max_v * uy, params.max_v)
+    vx, vy = solve(wall_planes, agent_planes, Vec2(params.max_v * ux, params.max_v * uy), params.max_v)
     turn = _turn_toward(robot, vx, vy, params)
     # It can't step aside: the part of the velocity that lies ahead is driven, and no more than walls permit that way.
     ahead = jnp.maximum(vx * jnp.cos(robot.heading) + vy * jnp.sin(robot.heading), 0.0)
     chord = robot.heading + 0.5 * turn * params.max_w * params.dt
     for plane in wall_planes:
-        closing = -cross2d(plane.dx, plane.dy, jnp.cos(chord), jnp.sin(chord))
-        most = jnp.maximum(-plane.violation(0.0, 0.0), 0.0) / jnp.maximum(closing, 1e-6)
+        closing = -plane.direction.cross(Vec2(jnp.cos(chord), jnp.sin(chord)))
+        most = jnp.maximum(-plane.violation(Vec2(0.0, 0.0)), 0.0) / jnp.maximum(closing, 1e-6)
         ahead = jnp.where(plane.active & (closing > 0), jnp.minimum(ahead, most), ahead)
     return Action(twist=jnp.stack([2.0 * ahead / params.max_v - 1.0, turn]), request=jnp.int32(NONE))
 
@@ -118,7 +118,7 @@ def _planned_action(planner, state, world, params):
             rx, ry = x - path_x[:, t], y - path_y[:, t]
             ex = new_x - x - (path_x[:, t + 1] - path_x[:, t])
             ey = new_y - y - (path_y[:, t + 1] - path_y[:, t])
-            at = closest_approach(rx, ry, ex, ey)
+            at = closest_approach(Vec2(rx, ry), Vec2(ex, ey))
             gap = norm(rx + at * ex, ry + at * ey) - params.robot_radius - params.body_radius
             soon = 1.0 - t / _HORIZON
             near = jnp.where(tracked, 0.5 * jnp.maximum(_MARGIN - gap, 0.0) / _MARGIN, 0.0)

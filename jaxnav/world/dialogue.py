@@ -6,7 +6,7 @@ Everything is per pedestrian; only `address` looks at all of them. Source: docs/
 import jax
 import jax.numpy as jnp
 
-from .geometry import closest_approach, cross2d, norm, unit
+from .geometry import Vec2, closest_approach, cross2d, norm, unit
 from .lidar import raycast
 from .params import Params
 from .types import (
@@ -192,7 +192,7 @@ def _gate(px, py, pedestrian, robot, params):
     near = norm(px, py) < params.encounter_distance * jnp.maximum(growth, 1.0)
     vx = pedestrian.vx - robot.v * jnp.cos(robot.heading)
     vy = pedestrian.vy - robot.v * jnp.sin(robot.heading)
-    t = closest_approach(px, py, vx, vy, params.encounter_horizon)
+    t = closest_approach(Vec2(px, py), Vec2(vx, vy), params.encounter_horizon)
     return near & (norm(px + t * vx, py + t * vy) < params.encounter_clearance)
 
 
@@ -212,9 +212,9 @@ def _is_crossing(robot, ux, uy):
 
 def _message(traits, robot, pedestrian, ux, uy, walls, params):
     """The announced message: stop when crossing, else the wider side; another one in a share of the cases."""
-    beams = jnp.zeros(2), jnp.array([1.0, -1.0])  # straight left and right
+    beams = Vec2(jnp.zeros(2), jnp.array([1.0, -1.0]))  # straight left and right
     x, y = pedestrian.x, pedestrian.y
-    free_left, free_right = raycast(x, y, ux, uy, walls.near(x, y), beams, params.scan_range)
+    free_left, free_right = raycast(Vec2(x, y), Vec2(ux, uy), walls.near(x, y), beams, params.scan_range)
     side = jnp.where(free_right >= free_left, RIGHT, LEFT)
     usual = jnp.where(_is_crossing(robot, ux, uy), STOP, side)
     # One draw decides on the exception and, where there is one, which of the other two messages it is.

@@ -12,7 +12,7 @@ from jax.core import Tracer
 
 from . import delays, dialogue, placement, scenes, sensing
 from .config import WorldConfig
-from .geometry import closest_approach, norm, time_to_disc, to_frame
+from .geometry import Vec2, closest_approach, norm, time_to_disc, to_frame
 from .params import Params, check_params
 from .people import (
     RECORDING,
@@ -293,7 +293,8 @@ class World:
         )
         arrival = wall_hit = pedestrian_hit = distance = jnp.asarray(jnp.inf)
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
-            to_goal = time_to_disc(x0 - robot.goal_x, y0 - robot.goal_y, x1 - x0, y1 - y0, params.goal_tolerance)
+            from_goal = Vec2(x0 - robot.goal_x, y0 - robot.goal_y)
+            to_goal = time_to_disc(from_goal, Vec2(x1 - x0, y1 - y0), params.goal_tolerance)
             arrival = jnp.minimum(arrival, i + to_goal)
         begin = 0
         if not self.config.swept_collisions:
@@ -301,15 +302,15 @@ class World:
         chords = len(path) - 1
         for i, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(path)):
             ex, ey = x1 - x0, y1 - y0
-            wall_time = time_to_walls(x0, y0, ex, ey, walls.near(x0, y0), params.robot_radius)
+            wall_time = time_to_walls(Vec2(x0, y0), Vec2(ex, ey), walls.near(x0, y0), params.robot_radius)
             wall_hit = jnp.minimum(wall_hit, begin + i + wall_time)
             walk_x, walk_y = (walked_to.x - walked_from.x) / chords, (walked_to.y - walked_from.y) / chords
             rx, ry = x0 - walked_from.x - i * walk_x, y0 - walked_from.y - i * walk_y
             rex, rey = ex - walk_x, ey - walk_y
-            pedestrian_time = time_to_disc(rx, ry, rex, rey, radius)
+            pedestrian_time = time_to_disc(Vec2(rx, ry), Vec2(rex, rey), radius)
             pedestrian_time = jnp.min(jnp.where(walked_to.present, pedestrian_time, jnp.inf))
             pedestrian_hit = jnp.minimum(pedestrian_hit, begin + i + pedestrian_time)
-            t = closest_approach(rx, ry, rex, rey)
+            t = closest_approach(Vec2(rx, ry), Vec2(rex, rey))
             gap = jnp.where(walked_to.present, norm(rx + t * rex, ry + t * rey) - radius, jnp.inf)
             distance = jnp.minimum(distance, jnp.min(gap))
         collision = jnp.minimum(wall_hit, pedestrian_hit)

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import delays, dialogue, gait, lidar
 from .config import WorldConfig
-from .geometry import cross2d, to_frame
+from .geometry import Vec2, cross2d, to_frame
 from .params import Params
 from .scenes import SIGHTS
 from .types import NONE, Observation, ObservedDialogue, Pedestrian, Robot, SeenPedestrian, Snapshot, View, Walls
@@ -69,15 +69,15 @@ def view(snapshot: Snapshot) -> View:
 def _scan(snapshot, walls, config, params):
     directions = lidar.beam_directions(config.beams)
     seen = delays.recall(snapshot.past_views, view(snapshot), params.scan_latency)
-    cos, sin = jnp.cos(seen.heading), jnp.sin(seen.heading)
-    ranges = lidar.raycast(seen.x, seen.y, cos, sin, walls.near(seen.x, seen.y), directions, params.scan_range)
+    origin, heading = Vec2(seen.x, seen.y), Vec2(jnp.cos(seen.heading), jnp.sin(seen.heading))
+    ranges = lidar.raycast(origin, heading, walls.near(seen.x, seen.y), directions, params.scan_range)
     # Absent pedestrians stand where no beam goes.
     x = jnp.where(seen.pedestrian_present, seen.pedestrian_x, seen.x + 2.0 * params.scan_range)
     discs, radius = (x, seen.pedestrian_y), params.body_radius
     if config.body == "legs":
         velocity = seen.pedestrian_vx, seen.pedestrian_vy
         discs, radius = gait.legs(*discs, *velocity, seen.t, snapshot.seed, params), gait.leg_radius(params)
-    ranges = lidar.raycast_discs(ranges, seen.x, seen.y, cos, sin, *discs, radius, directions)
+    ranges = lidar.raycast_discs(ranges, origin, heading, Vec2(*discs), radius, directions)
     if config.scan_noise:
         key = jax.random.fold_in(jax.random.key(snapshot.seed), seen.t)
         ranges = lidar.add_noise(key, ranges, params)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .geometry import closest_on_segment, cross2d, insert_nearest, norm, time_to_disc, time_to_slab
+from .geometry import Vec2, closest_on_segment, insert_nearest, time_to_disc, time_to_slab
 from .types import Walls
 
 _FARTHEST = 10_000.0  # m from the origin, beyond which single precision no longer tells millimetres
@@ -90,27 +90,28 @@ def pad_walls(walls):
     return jax.tree.map(lambda *leaves: np.stack(leaves), *[pad(one) for one in walls])
 
 
-def wall_clearance(x, y, walls):
+def wall_clearance(x: jax.Array, y: jax.Array, walls: Walls) -> jax.Array:
     """Distance from a point to the nearest wall."""
+    point = Vec2(x, y)
 
     def one(ax, ay, bx, by, solid):
-        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
-        return jnp.where(solid, norm(qx - x, qy - y), jnp.inf)
+        return jnp.where(solid, (closest_on_segment(point, Vec2(ax, ay), Vec2(bx, by)) - point).norm(), jnp.inf)
 
     return jnp.min(jax.vmap(one)(*walls.segments()), axis=0)
 
 
-def nearest_walls(x, y, walls, count):
+def nearest_walls(x: jax.Array, y: jax.Array, walls: Walls, count: int) -> list:
     """The ``count`` walls nearest to (x, y) of those that face it: a list of (squared distance, index), sorted.
 
     The distance is inf where there are fewer.
     """
+    point = Vec2(x, y)
 
     def insert(held, wall):
         index, (ax, ay, bx, by, solid) = wall
-        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
-        faces = solid & (cross2d(bx - ax, by - ay, x - ax, y - ay) > 0)
-        squared = jnp.where(faces, (qx - x) ** 2 + (qy - y) ** 2, jnp.inf)
+        a, b = Vec2(ax, ay), Vec2(bx, by)
+        faces = solid & ((b - a).cross(point - a) > 0)
+        squared = jnp.where(faces, (closest_on_segment(point, a, b) - point).squared(), jnp.inf)
         return insert_nearest(held, squared, index), None
 
     segments = walls.segments()
@@ -120,14 +121,14 @@ def nearest_walls(x, y, walls, count):
     return jax.lax.scan(insert, start, (indices, segments))[0]
 
 
-def time_to_walls(x, y, ex, ey, walls, radius):
-    """First time in [0, 1] at which a disc at (x, y) that moves by e touches a wall, else inf."""
+def time_to_walls(p: Vec2, e: Vec2, walls: Walls, radius: jax.Array) -> jax.Array:
+    """First time in [0, 1] at which a disc at p that moves by e touches a wall, else inf."""
 
     def nearer(time, wall):
         ax, ay, bx, by, solid = wall
+        a, b = Vec2(ax, ay), Vec2(bx, by)
         # Chains are closed, so that the first vertex of every wall covers all of them.
-        corner = time_to_disc(x - ax, y - ay, ex, ey, radius)
-        side = time_to_slab(x, y, ex, ey, ax, ay, bx, by, radius)
+        corner, side = time_to_disc(p - a, e, radius), time_to_slab(p, e, a, b, radius)
         return jnp.minimum(time, jnp.where(solid, jnp.minimum(corner, side), jnp.inf)), None
 
-    return jax.lax.scan(nearer, jnp.full_like(x, jnp.inf), walls.segments())[0]
+    return jax.lax.scan(nearer, jnp.full_like(p.x, jnp.inf), walls.segments())[0]

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 
 from jaxnav.maps import occupancy, paths, placements, polygons
-from jaxnav.world.geometry import closest_on_segment
+from jaxnav.world.geometry import Vec2, closest_on_segment
 
 FAST, SLOW = 0.6, 0.5
 
@@ -176,7 +176,7 @@ def test_clear_of_is_the_distance_of_lines_to_walls(flat):
     walls, lines = rng.uniform(-2, 2, (30, 4)), rng.uniform(-2, 2, (400, 4))
     steps = np.linspace(0, 1, 300)[:, None, None]
     x, y = (lines[:, i] + steps[..., 0] * (lines[:, i + 2] - lines[:, i]) for i in (0, 1))
-    qx, qy = closest_on_segment(x[..., None], y[..., None], *walls.T)
+    qx, qy = closest_on_segment(Vec2(x[..., None], y[..., None]), Vec2(*walls.T[:2]), Vec2(*walls.T[2:]))
     sampled = np.hypot(qx - x[..., None], qy - y[..., None]).min(axis=(0, 2))
     for clearance in (0.02, 0.1, 0.3):
         clear = placements.clear_of(walls, lines, clearance)

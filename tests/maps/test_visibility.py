@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from jaxnav import maps
 from jaxnav.maps import occupancy, polygons, visibility
 from jaxnav.world import World, WorldConfig, lidar
+from jaxnav.world.geometry import Vec2
 
 BEAMS = 181
 LIMIT = 12.0
@@ -39,7 +40,7 @@ def scans(scene):
 
     def scan(pose, walls):
         x, y, heading = pose
-        return lidar.raycast(x, y, jnp.cos(heading), jnp.sin(heading), walls.near(x, y), directions, LIMIT)
+        return lidar.raycast(Vec2(x, y), Vec2(jnp.cos(heading), jnp.sin(heading)), walls.near(x, y), directions, LIMIT)
 
     return [jax.jit(jax.vmap(lambda pose, w=w: scan(pose, w))) for w in (walls, walls.replace(cells=None))]
 

@@ -11,6 +11,7 @@ from jaxnav import Action, Params, World, WorldConfig
 from jaxnav.agents.scripted import StraightLine
 from jaxnav.maps import polygons, visibility
 from jaxnav.training.config import WorldSettings
+from jaxnav.world.geometry import Vec2
 from jaxnav.world.walls import time_to_walls, wall_clearance
 
 EPISODES, STEPS = 64, 25
@@ -124,7 +125,7 @@ def test_contacts_are_those_with_all_walls_up_to_the_margin(office, flat, seed):
     angles = rng.uniform(-np.pi, np.pi, len(points))
 
     def time(x, y, angle, walls):
-        return time_to_walls(x, y, chord * jnp.cos(angle), chord * jnp.sin(angle), walls.near(x, y), radius)
+        return time_to_walls(Vec2(x, y), chord * Vec2(jnp.cos(angle), jnp.sin(angle)), walls.near(x, y), radius)
 
     listed, every = (
         np.asarray(jax.jit(jax.vmap(time, in_axes=(0, 0, 0, None)))(*points.T, angles, w))

@@ -8,21 +8,27 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from jaxnav.world import geometry
+from jaxnav.world.geometry import Vec2
 
 coordinate = st.floats(-3.0, 3.0)
 radius = st.floats(0.05, 1.0)
 TIMES = np.linspace(0.0, 1.0, 4001)
 
-time_to_disc = jax.jit(geometry.time_to_disc)
-closest_approach = jax.jit(geometry.closest_approach)
-closest_on_segment = jax.jit(geometry.closest_on_segment)
+time_to_disc = jax.jit(lambda px, py, ex, ey, radius: geometry.time_to_disc(Vec2(px, py), Vec2(ex, ey), radius))
+closest_approach = jax.jit(
+    lambda px, py, ex, ey, horizon: geometry.closest_approach(Vec2(px, py), Vec2(ex, ey), horizon)
+)
+closest_on_segment = jax.jit(
+    lambda px, py, ax, ay, bx, by: geometry.closest_on_segment(Vec2(px, py), Vec2(ax, ay), Vec2(bx, by))
+)
 
 
 @jax.jit
 def time_to_wall(px, py, ex, ey, ax, ay, bx, by, radius):
     """First contact of a moving disc with a segment: both ends and the side."""
-    ends = [geometry.time_to_disc(px - x, py - y, ex, ey, radius) for x, y in ((ax, ay), (bx, by))]
-    return jnp.minimum(jnp.minimum(*ends), geometry.time_to_slab(px, py, ex, ey, ax, ay, bx, by, radius))
+    p, e, a, b = Vec2(px, py), Vec2(ex, ey), Vec2(ax, ay), Vec2(bx, by)
+    ends = [geometry.time_to_disc(p - end, e, radius) for end in (a, b)]
+    return jnp.minimum(jnp.minimum(*ends), geometry.time_to_slab(p, e, a, b, radius))
 
 
 def distance_to_segment(points, a, b):
@@ -95,7 +101,7 @@ def test_time_to_wall_closed_form(p, e, expected):
 
 
 def test_a_wall_of_length_0_has_no_side():
-    assert geometry.time_to_slab(0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5) == np.inf
+    assert geometry.time_to_slab(Vec2(0.0, 2.0), *[Vec2(0.0, 0.0)] * 3, 0.5) == np.inf
 
 
 @given(*[coordinate] * 4, st.floats(0.1, 5.0))
@@ -126,16 +132,22 @@ DEGENERATE = {
     "norm of zero": (geometry.norm, (0.0, 0.0)),
     "unit of zero": (geometry.unit, (0.0, 0.0)),
     "root of a negative": (geometry.safe_sqrt, (-1.0,)),
-    "point on a segment of length 0": (geometry.closest_on_segment, (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)),
-    "resting at the origin": (geometry.closest_approach, (0.0, 0.0, 0.0, 0.0)),
-    "disc, coincident and at rest": (geometry.time_to_disc, (0.0, 0.0, 0.0, 0.0, 0.5)),
-    "disc, at rest outside": (geometry.time_to_disc, (1.0, 0.0, 0.0, 0.0, 0.5)),
-    "disc, grazing": (geometry.time_to_disc, (-1.0, 0.5, 4.0, 0.0, 0.5)),
-    "disc, missing": (geometry.time_to_disc, (-1.0, 2.0, 4.0, 0.0, 0.5)),
-    "disc, touching at the start": (geometry.time_to_disc, (-0.5, 0.0, 1.0, 0.0, 0.5)),
-    "wall, moving along it": (geometry.time_to_slab, (0.0, 1.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.5)),
-    "wall, on it and at rest": (geometry.time_to_slab, (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.5)),
-    "wall of length 0": (geometry.time_to_slab, (0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.5)),
+    "point on a segment of length 0": (geometry.closest_on_segment, (Vec2(1.0, 1.0), Vec2(1.0, 1.0), Vec2(1.0, 1.0))),
+    "resting at the origin": (geometry.closest_approach, (Vec2(0.0, 0.0), Vec2(0.0, 0.0))),
+    "disc, coincident and at rest": (geometry.time_to_disc, (Vec2(0.0, 0.0), Vec2(0.0, 0.0), 0.5)),
+    "disc, at rest outside": (geometry.time_to_disc, (Vec2(1.0, 0.0), Vec2(0.0, 0.0), 0.5)),
+    "disc, grazing": (geometry.time_to_disc, (Vec2(-1.0, 0.5), Vec2(4.0, 0.0), 0.5)),
+    "disc, missing": (geometry.time_to_disc, (Vec2(-1.0, 2.0), Vec2(4.0, 0.0), 0.5)),
+    "disc, touching at the start": (geometry.time_to_disc, (Vec2(-0.5, 0.0), Vec2(1.0, 0.0), 0.5)),
+    "wall, moving along it": (
+        geometry.time_to_slab,
+        (Vec2(0.0, 1.0), Vec2(1.0, 0.0), Vec2(-1.0, 0.0), Vec2(1.0, 0.0), 0.5),
+    ),
+    "wall, on it and at rest": (
+        geometry.time_to_slab,
+        (Vec2(0.0, 0.0), Vec2(0.0, 0.0), Vec2(-1.0, 0.0), Vec2(1.0, 0.0), 0.5),
+    ),
+    "wall of length 0": (geometry.time_to_slab, (Vec2(0.0, 1.0), Vec2(0.0, -1.0), Vec2(0.0, 0.0), Vec2(0.0, 0.0), 0.5)),
 }
 
 
@@ -144,3 +156,22 @@ def test_gradients_are_finite_where_the_geometry_degenerates(case):
     function, point = DEGENERATE[case]
     jacobians = jax.jacrev(function, argnums=tuple(range(len(point))))(*point)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(jacobians))
+
+
+def test_a_vector_computes_what_its_two_numbers_do():
+    a, b = Vec2(3.0, -4.0), Vec2(0.5, 2.0)
+    assert (a + b, a - b, -a, 2.0 * a, a * 2.0, a / 2.0) == (
+        (3.5, -2.0), (2.5, -6.0), (-3.0, 4.0), (6.0, -8.0), (6.0, -8.0), (1.5, -2.0),
+    )  # fmt: skip
+    assert np.float32(2.0) * a == jnp.float32(2.0) * a == (6.0, -8.0)
+    assert (a.dot(b), a.cross(b), a.squared(), a.left(), a.right()) == (-6.5, 8.0, 25.0, (4.0, 3.0), (-4.0, -3.0))
+    assert float(a.norm()) == 5.0
+    np.testing.assert_allclose(a.unit(), (0.6, -0.8), rtol=1e-6)
+    np.testing.assert_allclose(a.in_frame(Vec2(0.0, 1.0)), (-4.0, -3.0))
+    many = geometry.where(np.array([True, False]), Vec2(np.ones(2), np.zeros(2)), Vec2(np.zeros(2), np.ones(2)))
+    np.testing.assert_array_equal(many, [[1, 0], [0, 1]])
+
+
+def test_the_gradient_of_a_vector_of_length_zero_is_finite():
+    gradient = jax.grad(lambda x: Vec2(x, 0.0).norm() + sum(Vec2(0.0, x).unit()))(0.0)
+    assert np.isfinite(gradient)

@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from jaxnav.world import SCENES, Params, World, WorldConfig, lidar
+from jaxnav.world.geometry import Vec2
 
 BEAMS = 61
 RANGE = 9.0
@@ -19,8 +20,8 @@ WORLD = World(WorldConfig(scenes=tuple(SCENES), pedestrians=8))
 def scan(scene, x, y, heading, discs, radius):
     cos, sin = jnp.cos(heading), jnp.sin(heading)
     directions = lidar.beam_directions(BEAMS)
-    ranges = lidar.raycast(x, y, cos, sin, WORLD.walls(scene), directions, RANGE)
-    return lidar.raycast_discs(ranges, x, y, cos, sin, discs[0], discs[1], radius, directions)
+    ranges = lidar.raycast(Vec2(x, y), Vec2(cos, sin), WORLD.walls(scene), directions, RANGE)
+    return lidar.raycast_discs(ranges, Vec2(x, y), Vec2(cos, sin), Vec2(*discs), radius, directions)
 
 
 def brute_force(segments, discs, radius, x, y, angles):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxnav.world import lidar
+from jaxnav.world.geometry import Vec2
 from jaxnav.world.walls import walls_from_chains
 
 ROOMS = 25
@@ -103,8 +104,8 @@ def scans(poses, walls, discs, radius):
 
     def one(x, y, heading):
         cos, sin, directions = jnp.cos(heading), jnp.sin(heading), lidar.beam_directions(BEAMS)
-        ranges = lidar.raycast(x, y, cos, sin, walls, directions, RANGE)
-        return lidar.raycast_discs(ranges, x, y, cos, sin, discs[:, 0], discs[:, 1], radius, directions)
+        ranges = lidar.raycast(Vec2(x, y), Vec2(cos, sin), walls, directions, RANGE)
+        return lidar.raycast_discs(ranges, Vec2(x, y), Vec2(cos, sin), Vec2(*discs.T), radius, directions)
 
     return jax.vmap(one)(*poses.T)
 

@@ -10,6 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from jaxnav.world import linear_program
+from jaxnav.world.geometry import Vec2
 from jaxnav.world.orca import HalfPlane
 
 TOLERANCE = 3e-4
@@ -21,8 +22,9 @@ MAX_SPEED = 1.0
 def solve(planes, preferred):
     """The velocity for planes `[WALLS + AGENTS]`: normal, offset along it (permitted beyond), active."""
     nx, ny, offset, active = planes
-    planes = [HalfPlane(nx[i] * offset[i], ny[i] * offset[i], ny[i], -nx[i], active[i]) for i in range(len(nx))]
-    return jnp.stack(linear_program.solve(planes[:WALLS], planes[WALLS:], *preferred, MAX_SPEED))
+    normals = [Vec2(nx[i], ny[i]) for i in range(len(nx))]
+    planes = [HalfPlane(normal * offset[i], normal.right(), active[i]) for i, normal in enumerate(normals)]
+    return jnp.stack(linear_program.solve(planes[:WALLS], planes[WALLS:], Vec2(*preferred), MAX_SPEED))
 
 
 def vertices(normals, offsets, target):
@@ -111,8 +113,8 @@ def test_enumeration_agrees_with_a_grid():
 @pytest.mark.parametrize("far", [1.0, 300.0])
 def test_a_line_given_by_a_far_point_is_cut_at_the_speed_limit_all_the_same(far):
     """Half-plane y >= 0.6 by a point on its border, preferred velocity beyond where border and disc meet."""
-    plane = HalfPlane(*np.float32([far, 0.6, 1.0, 0.0]), active=np.bool_(True))
-    v = linear_program.solve([plane], [], np.float32(3.0), np.float32(0.0), MAX_SPEED)
+    plane = HalfPlane(Vec2(*np.float32([far, 0.6])), Vec2(*np.float32([1.0, 0.0])), active=np.bool_(True))
+    v = linear_program.solve([plane], [], Vec2(np.float32(3.0), np.float32(0.0)), MAX_SPEED)
     np.testing.assert_allclose(v, [0.8, 0.6], atol=1e-4)
 
 

@@ -5,16 +5,25 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnav.world import orca, pedestrian
+from jaxnav.world import orca
+from jaxnav.world.geometry import Vec2
+from jaxnav.world.people.neighbors import near_walls
 from jaxnav.world.walls import walls_from_chains
 
-half_plane = jax.jit(orca.agent_half_plane)
+
+@jax.jit
+def half_plane(px, py, vx, vy, other_vx, other_vy, *others):
+    return orca.agent_half_plane(Vec2(px, py), Vec2(vx, vy), Vec2(other_vx, other_vy), *others)
+
+
+def violation(plane, vx, vy):
+    return float(plane.violation(Vec2(vx, vy)))
 
 
 def permitted_border(plane):
     """(point of the border nearest to the origin, normal toward the permitted side)."""
-    normal = np.array([-plane.dy, plane.dx])
-    return normal * (normal @ np.array([plane.x, plane.y])), normal
+    normal = np.array(plane.direction.left())
+    return normal * (normal @ np.array(plane.point)), normal
 
 
 def test_head_on_each_takes_half_of_the_avoidance():
@@ -24,9 +33,9 @@ def test_head_on_each_takes_half_of_the_avoidance():
     other = half_plane(*-p, -speed, 0.0, speed, 0.0, radius, horizon, 0.4, True)
     (_, normal), (_, normal_of_other) = permitted_border(mine), permitted_border(other)
     np.testing.assert_allclose(normal, -normal_of_other, atol=1e-6)
-    v = np.array([speed, 0.0]) + normal * float(mine.violation(speed, 0.0))
-    v_other = np.array([-speed, 0.0]) + normal_of_other * float(other.violation(-speed, 0.0))
-    assert float(mine.violation(speed, 0.0)) == pytest.approx(float(other.violation(-speed, 0.0)), abs=1e-6)
+    v = np.array([speed, 0.0]) + normal * violation(mine, speed, 0.0)
+    v_other = np.array([-speed, 0.0]) + normal_of_other * violation(other, -speed, 0.0)
+    assert violation(mine, speed, 0.0) == pytest.approx(violation(other, -speed, 0.0), abs=1e-6)
     times = np.linspace(0, horizon, 20001)[:, None]
     assert np.linalg.norm(p + times * (v_other - v), axis=1).min() == pytest.approx(radius, abs=1e-4)
 
@@ -49,21 +58,21 @@ def test_agent_on_a_leg_stays_on_it(side):
     point, normal = permitted_border(plane)
     np.testing.assert_allclose(point, [0, 0], atol=1e-6)
     np.testing.assert_allclose(normal, [-side * np.sin(angle), side * np.cos(angle)], atol=1e-6)
-    assert plane.violation(0.8, 0.0) == pytest.approx(0.8 * 0.25, abs=1e-6)
+    assert violation(plane, 0.8, 0.0) == pytest.approx(0.8 * 0.25, abs=1e-6)
 
 
 def test_overlapping_agents_part_within_a_step_half_each():
     """At rest, 0.3 m of overlap, dt 0.4 s: each has to leave with 0.3 / 0.4 / 2."""
     plane = half_plane(0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 5.0, 0.4, True)
-    assert plane.violation(0.0, 0.0) == pytest.approx(0.375, abs=1e-5)
-    assert plane.violation(-0.375, 0.0) == pytest.approx(0.0, abs=1e-5)
+    assert violation(plane, 0.0, 0.0) == pytest.approx(0.375, abs=1e-5)
+    assert violation(plane, -0.375, 0.0) == pytest.approx(0.0, abs=1e-5)
 
 
 def wall_planes(chain, position, velocity, radius=0.2, horizon=2.0, reach=2.0):
     """Active half-planes of an agent beside one chain, as (point of the border nearest to the origin, normal)."""
     walls = jax.tree.map(jnp.asarray, walls_from_chains([chain]))
-    near = pedestrian.near_walls(*map(jnp.float32, position), walls, reach, 4)
-    planes = orca.wall_half_planes(near, *velocity, radius, horizon)
+    near = near_walls(*map(jnp.float32, position), walls, reach, 4)
+    planes = orca.wall_half_planes(near, Vec2(*velocity), radius, horizon)
     return [permitted_border(plane) for plane in planes if plane.active]
 
 
@@ -114,7 +123,7 @@ def test_a_wall_behind_another_adds_nothing():
     """Two parallel pillar sides ahead: the far one's velocity obstacle lies within what the near one forbids."""
     near, far = [(-1, 1), (-1, 2), (1, 2), (1, 1)], [(-0.5, 2.2), (-0.5, 3), (0.5, 3), (0.5, 2.2)]
     walls = jax.tree.map(jnp.asarray, walls_from_chains([near, far]))
-    seen = pedestrian.near_walls(jnp.float32(0.0), jnp.float32(0.5), walls, 5.0, 4)
-    planes = orca.wall_half_planes(seen, 0.0, 0.4, 0.2, 2.0)
+    seen = near_walls(jnp.float32(0.0), jnp.float32(0.5), walls, 5.0, 4)
+    planes = orca.wall_half_planes(seen, Vec2(0.0, 0.4), 0.2, 2.0)
     assert sum(bool(wall.active) for wall in seen) == 2
     assert sum(bool(plane.active) for plane in planes) == 1

@@ -1,13 +1,11 @@
 """Who and what is nearest to a pedestrian: walls and other pedestrians, as seen from it."""
 
-import itertools
-
 import jax
 import jax.numpy as jnp
 
 from .. import orca
 from ..config import WorldConfig
-from ..geometry import insert_nearest
+from ..geometry import Vec2, insert_nearest
 from ..params import Params
 from ..types import Pedestrian, Walls
 from ..walls import nearest_walls
@@ -17,8 +15,8 @@ def near_walls(x: jax.Array, y: jax.Array, walls: Walls, reach: jax.Array | floa
     """The ``count`` walls nearest to (x, y) within ``reach``, nearest first."""
     found = []
     for squared, i in nearest_walls(x, y, walls.near(x, y), count):
-        vertices = [(walls.x[k] - x, walls.y[k] - y) for k in (walls.before[i], i, i + 1, walls.after[i])]
-        found.append(orca.NearWall(*itertools.chain(*vertices), active=squared < reach * reach))
+        vertices = [Vec2(walls.x[k] - x, walls.y[k] - y) for k in (walls.before[i], i, i + 1, walls.after[i])]
+        found.append(orca.NearWall(*vertices, active=squared < reach * reach))
     return found
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from .. import linear_program, orca
 from ..config import WorldConfig
-from ..geometry import norm
+from ..geometry import Vec2, norm
 from ..params import Params
 from ..types import Pedestrian, Robot, Walls
 from .intention import Intention
@@ -53,27 +53,25 @@ def choose_velocity(
     # No further than it could walk within the horizon, as in RVO2.
     reach = params.time_horizon_walls * params.max_speed + params.body_radius
     near = near_walls(pedestrian.x, pedestrian.y, walls, reach, config.wall_neighbors)
-    wall_planes = orca.wall_half_planes(
-        near, pedestrian.vx, pedestrian.vy, params.body_radius, params.time_horizon_walls
-    )
+    velocity = Vec2(pedestrian.vx, pedestrian.vy)
+    wall_planes = orca.wall_half_planes(near, velocity, params.body_radius, params.time_horizon_walls)
     px, py = robot.x - pedestrian.x, robot.y - pedestrian.y
     sees_robot = (norm(px, py) < params.awareness) & ~intention.ignores_robot
     robot_vx, robot_vy = robot.v * jnp.cos(robot.heading), robot.v * jnp.sin(robot.heading)
     agents = [(px, py, robot_vx, robot_vy, params.robot_radius + params.body_radius, sees_robot)]
     agents += [(*other[:4], 2 * params.body_radius, other[4]) for other in others]
-    return permitted_velocity(pedestrian.vx, pedestrian.vy, intention.vx, intention.vy, wall_planes, agents, params)
+    return permitted_velocity(velocity, Vec2(intention.vx, intention.vy), wall_planes, agents, params)
 
 
 def permitted_velocity(
-    vx: jax.Array, vy: jax.Array, want_x: jax.Array, want_y: jax.Array, wall_planes: list[orca.HalfPlane],
-    agents: list[tuple], params: Params,
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
-    """The velocity nearest to the wanted one at which an agent that moves at (vx, vy) keeps clear of walls and agents.
+    velocity: Vec2, wanted: Vec2, wall_planes: list[orca.HalfPlane], agents: list[tuple], params: Params
+) -> Vec2:
+    """The velocity nearest to the wanted one at which an agent that moves at ``velocity`` keeps clear of all.
 
     wall_planes: half-planes of the walls; agents: list of (px, py, vx, vy, sum of radii, active), relative positions.
     """
     agent_planes = [
-        orca.agent_half_plane(px, py, vx, vy, other_vx, other_vy, radius, params.time_horizon, params.dt, active)
-        for px, py, other_vx, other_vy, radius, active in agents
+        orca.agent_half_plane(Vec2(px, py), velocity, Vec2(vx, vy), radius, params.time_horizon, params.dt, active)
+        for px, py, vx, vy, radius, active in agents
     ]
-    return linear_program.solve(wall_planes, agent_planes, want_x, want_y, params.max_speed)
+    return linear_program.solve(wall_planes, agent_planes, wanted, params.max_speed)

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from ..config import WorldConfig
-from ..geometry import closest_on_segment, norm, unit
+from ..geometry import Vec2, closest_on_segment, norm, unit
 from ..params import Params
 from ..types import Pedestrian, Walls
 from ..walls import nearest_walls
@@ -124,7 +124,7 @@ def wall_repulsion(x: jax.Array, y: jax.Array, segments: list[tuple], params: Pa
     fx = fy = jnp.zeros_like(x)
     points = []
     for ax, ay, bx, by, active in segments:
-        qx, qy = closest_on_segment(x, y, ax, ay, bx, by)
+        qx, qy = closest_on_segment(Vec2(x, y), Vec2(ax, ay), Vec2(bx, by))
         for px, py, counted in points:
             active &= ~(counted & (norm(px - qx, py - qy) < _SAME))
         points.append((qx, qy, active))
