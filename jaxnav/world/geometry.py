@@ -14,8 +14,8 @@ class Vec2(NamedTuple):
     A pytree of two leaves: what is computed with it is what is computed with x and y, in the same order.
     """
 
-    x: Any
-    y: Any
+    x: jax.Array
+    y: jax.Array
 
     __array_ufunc__ = None  # a numpy number times a vector is for `__rmul__`
 
@@ -28,28 +28,28 @@ class Vec2(NamedTuple):
     def __neg__(self) -> "Vec2":
         return Vec2(-self.x, -self.y)
 
-    def __mul__(self, scalar: Any) -> "Vec2":  # type: ignore[override]
+    def __mul__(self, scalar: jax.Array | float) -> "Vec2":  # type: ignore[override]
         return Vec2(self.x * scalar, self.y * scalar)
 
-    def __rmul__(self, scalar: Any) -> "Vec2":  # type: ignore[override]
+    def __rmul__(self, scalar: jax.Array | float) -> "Vec2":  # type: ignore[override]
         return Vec2(scalar * self.x, scalar * self.y)
 
-    def __truediv__(self, scalar: Any) -> "Vec2":
+    def __truediv__(self, scalar: jax.Array | float) -> "Vec2":
         return Vec2(self.x / scalar, self.y / scalar)
 
-    def dot(self, other: "Vec2") -> Any:
+    def dot(self, other: "Vec2") -> jax.Array:
         """Scalar product."""
         return self.x * other.x + self.y * other.y
 
-    def cross(self, other: "Vec2") -> Any:
+    def cross(self, other: "Vec2") -> jax.Array:
         """z of the cross product: positive where ``other`` points to the left of this."""
         return self.x * other.y - self.y * other.x
 
-    def squared(self) -> Any:
+    def squared(self) -> jax.Array:
         """Square of the length."""
         return self.x * self.x + self.y * self.y
 
-    def norm(self) -> Any:
+    def norm(self) -> jax.Array:
         """Length, at least 1e-6."""
         return safe_sqrt(self.squared())
 
