@@ -46,7 +46,8 @@ def bootstrap_interval(values: np.ndarray) -> list[float] | None:
     if values.size < 2:
         return None
     values = np.sort(values)  # seeds have no order
-    drawn = bootstrap((values,), np.mean, n_resamples=RESAMPLES, method="percentile", random_state=0)
+    seeded: Any = {"random_state": 0}  # which scipy's types lack
+    drawn = bootstrap((values,), np.mean, n_resamples=RESAMPLES, method="percentile", **seeded)
     return _inside(values, drawn.confidence_interval)
 
 

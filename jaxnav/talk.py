@@ -132,7 +132,7 @@ class Conversation:
         encounters, traits = self.state.encounters, self.state.traits
         waits = np.asarray(encounters.is_open & (encounters.request != NONE) & (encounters.reply == NONE))
         reply = found.reply if dialogue_rules.is_reply(found.reply_confidence, RULES) else NONE
-        reaction = dialogue_rules.reaction(found.message, reply, found.unsure, waits.any())
+        reaction = dialogue_rules.reaction(found.message, reply, found.unsure, bool(waits.any()))
         if reaction == "reply":
             i = int(np.argmin(np.where(waits, self._distances(), np.inf)))
             self._begin(Context(int(encounters.request[i]), "robot", reply))
@@ -270,7 +270,8 @@ def scene_map(conversation: Conversation, columns: int = 64) -> str:
         corners = np.array([*chain, chain[0]])
         for a, b in itertools.pairwise(corners):
             for share in np.linspace(0.0, 1.0, 2 * columns):
-                put(*(a + share * (b - a)), "#")
+                x, y = a + share * (b - a)
+                put(x, y, "#")
     robot, people = conversation.state.robot, conversation.state.pedestrians
     put(robot.goal_x, robot.goal_y, "G")
     heading = float(robot.heading)

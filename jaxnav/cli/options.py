@@ -148,7 +148,8 @@ def enable_compilation_cache() -> None:
     import jax
 
     home = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
-    if jax.config.jax_compilation_cache_dir is None:
+    config: Any = jax.config
+    if config.jax_compilation_cache_dir is None:
         jax.config.update("jax_compilation_cache_dir", str(home / "jaxnav" / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 

@@ -118,16 +118,18 @@ class Checkpoints:
         damaged = UserError(f"{where} is damaged: delete it to fall back to the one before, or train anew")
         try:
             with _quiet():
-                meta = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore())).meta
+                found: Any = self._manager.restore(step, args=ocp.args.Composite(meta=ocp.args.JsonRestore()))
+            meta = found.meta
             checksum = meta.pop("checksum")
-            changed = differences(meta["config"], config)
+            changed, state = differences(meta["config"], config), None
             if not changed:
                 shapes = jax.eval_shape(_plain, like)
                 # Numpy arrays are what Orbax then makes: the devices of who saved it may not be there, or too small.
                 arrays = {name: np.empty(shape.shape, shape.dtype) for name, shape in shapes.items()}
                 arguments = ocp.args.Composite(state=ocp.args.StandardRestore(arrays))
                 with _quiet():
-                    state = self._manager.restore(step, args=arguments).state
+                    found = self._manager.restore(step, args=arguments)
+                state = found.state
                 if _checksum(state, meta) != checksum:
                     raise ValueError("changed bytes")
         except Exception as error:  # Orbax raises bare exceptions for damaged files

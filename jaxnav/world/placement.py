@@ -29,8 +29,8 @@ _TRIES = 16  # episodes that `check_starts` tries
 class Floors:
     """Rectangles of free space: sides x0, y0, x1, y1 `[4, F]`, of which the first ``count`` are not padding."""
 
-    sides: jax.Array
-    count: jax.Array
+    sides: jax.Array | np.ndarray
+    count: jax.Array | np.ndarray
 
 
 def floor_table(scenes):

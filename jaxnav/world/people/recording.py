@@ -106,7 +106,7 @@ def visits(rows: Rows) -> list[Visit]:
         mine = np.flatnonzero(rows.id == person)
         mine = mine[np.argsort(index[mine])]
         for part in np.split(mine, np.flatnonzero(np.diff(index[mine]) > _PERIODS_APART) + 1):
-            at = np.arange(index[part[0]], index[part[-1]] + 1)
+            at = np.arange(int(index[part[0]]), int(index[part[-1]]) + 1)
             places = [np.interp(at, index[part], values[part]) for values in (rows.x, rows.y)]
             found.append(Visit(int(at[0]), np.stack(places, axis=1)))
     return sorted(found, key=lambda visit: visit.first)
@@ -138,7 +138,7 @@ def recording_scene(rows: Rows, name: str = RECORDING) -> Scene:
             ends += [jnp.clip(y + sign * uy, low[1] + 0.5, high[1] - 0.5)]
         # One that isn't recorded comes from ahead.
         first = [low[i] + 0.5 + u[3 + i] * (high[i] - low[i] - 1.0) for i in (0, 1)]
-        return tuple(ends), straight(*first, ends[0], ends[1])
+        return tuple(ends), straight(first[0], first[1], ends[0], ends[1])
 
     (x0, y0), (x1, y1) = low.tolist(), high.tolist()
     return Scene(
