@@ -1,6 +1,5 @@
 """A conversation in a live episode, with ears that understand what the test says they do."""
 
-
 import jax
 import jax.numpy as jnp
 import numpy as np
