@@ -81,7 +81,7 @@ def _orca_action(state, world, params):
     chord = robot.heading + 0.5 * turn * params.max_w * params.dt
     for plane in wall_planes:
         closing = -plane.direction.cross(Vec2(jnp.cos(chord), jnp.sin(chord)))
-        most = jnp.maximum(-plane.violation(Vec2(0.0, 0.0)), 0.0) / jnp.maximum(closing, 1e-6)
+        most = jnp.maximum(-plane.violation(Vec2(jnp.float32(0.0), jnp.float32(0.0))), 0.0) / jnp.maximum(closing, 1e-6)
         ahead = jnp.where(plane.active & (closing > 0), jnp.minimum(ahead, most), ahead)
     return Action(twist=jnp.stack([2.0 * ahead / params.max_v - 1.0, turn]), request=jnp.int32(NONE))
 

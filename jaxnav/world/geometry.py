@@ -108,12 +108,12 @@ def closest_on_segment(p: Vec2, a: Vec2, b: Vec2) -> Vec2:
     return a + t * edge
 
 
-def closest_approach(p: Vec2, e: Vec2, horizon: Any = 1.0) -> jax.Array:
+def closest_approach(p: Vec2, e: Vec2, horizon: jax.Array | float = 1.0) -> jax.Array:
     """Time in [0, horizon] at which a point at p that moves by e a unit of time is nearest to the origin."""
     return jnp.clip(-p.dot(e) / jnp.maximum(e.squared(), _TINY), 0.0, horizon)
 
 
-def time_to_disc(p: Vec2, e: Vec2, radius: Any) -> jax.Array:
+def time_to_disc(p: Vec2, e: Vec2, radius: jax.Array | float) -> jax.Array:
     """First t in [0, 1] at which p + t e lies within ``radius`` of the origin, else inf. 0 if it does at the start."""
     a, b, c = e.squared(), p.dot(e), p.squared() - radius * radius
     discriminant = b * b - a * c
@@ -122,7 +122,7 @@ def time_to_disc(p: Vec2, e: Vec2, radius: Any) -> jax.Array:
     return jnp.where(c <= 0, 0.0, jnp.where(hit, t, jnp.inf))
 
 
-def time_to_slab(p: Vec2, e: Vec2, a: Vec2, b: Vec2, radius: Any) -> jax.Array:
+def time_to_slab(p: Vec2, e: Vec2, a: Vec2, b: Vec2, radius: jax.Array | float) -> jax.Array:
     """First t in [0, 1] at which p + t e comes within ``radius`` of segment a-b from the side, else inf.
 
     Together with `time_to_disc` at both ends this is the exact first contact of a moving disc with a wall.

@@ -15,7 +15,7 @@ def beam_directions(beams: int) -> Vec2:
     angles = np.linspace(-np.pi / 2, np.pi / 2, beams)
     # cos(pi/2) is 6e-17 in floating point; an exact 0 keeps the outermost beams exactly sideways.
     cos = np.where(np.abs(angles) == np.pi / 2, 0.0, np.cos(angles))
-    return Vec2(cos.astype(np.float32), np.sin(angles).astype(np.float32))
+    return Vec2(jnp.float32(cos), jnp.float32(np.sin(angles)))
 
 
 def raycast(origin: Vec2, heading: Vec2, walls: Walls, directions: Vec2, max_range: jax.Array) -> jax.Array:
@@ -27,9 +27,10 @@ def raycast(origin: Vec2, heading: Vec2, walls: Walls, directions: Vec2, max_ran
     if walls.listed is not None or walls.solid.shape[0] > _UNROLLED:
         return _raycast_many(origin, heading, walls, directions, max_range)
     beam_x, beam_y = directions
-    vertex = (Vec2(walls.x, walls.y) - origin).in_frame(heading)
+    x, y = jnp.asarray(walls.x), jnp.asarray(walls.y)
+    vertex = (Vec2(x, y) - origin).in_frame(heading)
     # A wall's own vector, not the difference of two vertices seen from here: a short wall far away keeps its digits.
-    edge = Vec2(walls.x[1:] - walls.x[:-1], walls.y[1:] - walls.y[:-1]).in_frame(heading)
+    edge = Vec2(x[1:] - x[:-1], y[1:] - y[:-1]).in_frame(heading)
     area = Vec2(vertex.x[:-1], vertex.y[:-1]).cross(edge)
     solid = walls.solid & (jnp.abs(area) > 1e-9)
     scale = jnp.where(solid, 1.0 / jnp.where(solid, area, 1.0), 0.0)

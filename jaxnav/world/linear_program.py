@@ -21,7 +21,9 @@ _ROWS = 256  # agents whose program is solved at once
 _FREE, _LOW, _HIGH, _BOUNDS = 0, 1, 2, 3
 
 
-def solve(wall_planes: list[HalfPlane], agent_planes: list[HalfPlane], preferred: Vec2, max_speed: jax.Array) -> Vec2:
+def solve(
+    wall_planes: list[HalfPlane], agent_planes: list[HalfPlane], preferred: Vec2, max_speed: jax.Array | float
+) -> Vec2:
     """Permitted velocity nearest to the ``preferred`` one, no faster than ``max_speed``.
 
     Where they leave nothing, the velocity that violates the agents'

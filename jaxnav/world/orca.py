@@ -29,8 +29,8 @@ class HalfPlane(NamedTuple):
 
 
 def agent_half_plane(
-    position: Vec2, velocity: Vec2, other_velocity: Vec2, radius: jax.Array, time_horizon: jax.Array, dt: jax.Array,
-    active: jax.Array,
+    position: Vec2, velocity: Vec2, other_velocity: Vec2, radius: jax.Array | float, time_horizon: jax.Array | float,
+    dt: jax.Array | float, active: jax.Array,
 ) -> HalfPlane:  # fmt: skip
     """Permitted velocities of an agent next to another one, at ``position`` relative to it: half the effort.
 
@@ -46,7 +46,7 @@ def agent_half_plane(
     w_length = safe_sqrt(w_squared)
     # Coincident agents with equal velocities, for whom RVO2 divides by zero, are both pushed the same way and stay
     # together. Placement never starts two in one place.
-    u = where(w_squared > _TINY, w / w_length, Vec2(1.0, 0.0))
+    u = where(w_squared > _TINY, w / w_length, Vec2(jnp.float32(1.0), jnp.float32(0.0)))
     circle = overlap | ((w_dot_p < 0) & (w_dot_p * w_dot_p > radius_squared * w_squared))
     push = radius / horizon - w_length
     # Projection on one of its legs.
@@ -73,7 +73,7 @@ class NearWall(NamedTuple):
 
 
 def wall_half_planes(
-    walls: list[NearWall], velocity: Vec2, radius: jax.Array, time_horizon: jax.Array
+    walls: list[NearWall], velocity: Vec2, radius: jax.Array | float, time_horizon: jax.Array | float
 ) -> list[HalfPlane]:
     """Permitted velocities next to each of ``walls``, nearest first.
 
@@ -136,7 +136,7 @@ def _wall_half_plane(wall, velocity, radius, time_horizon):
     active &= touches | ~hidden
     legs = _left_leg(along, left, radius), _right_leg(along, right, radius)
     point, direction, foreign = _project(along, left, right, legs, only, velocity, radius, time_horizon)
-    zero = Vec2(0.0, 0.0)
+    zero = Vec2(jnp.float32(0.0), jnp.float32(0.0))
     return HalfPlane(where(touches, zero, point), where(touches, touching, direction), active & (touches | ~foreign))
 
 

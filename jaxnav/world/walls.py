@@ -121,7 +121,7 @@ def nearest_walls(x: jax.Array, y: jax.Array, walls: Walls, count: int) -> list:
     return jax.lax.scan(insert, start, (indices, segments))[0]
 
 
-def time_to_walls(p: Vec2, e: Vec2, walls: Walls, radius: jax.Array) -> jax.Array:
+def time_to_walls(p: Vec2, e: Vec2, walls: Walls, radius: jax.Array | float) -> jax.Array:
     """First time in [0, 1] at which a disc at p that moves by e touches a wall, else inf."""
 
     def nearer(time, wall):
