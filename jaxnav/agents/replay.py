@@ -69,7 +69,9 @@ class Replay:
         episodes = next(iter(contents.values())).shape[1] // self.shards
         oldest = steps - jnp.minimum(steps - since, self.rows)
         low, high = jnp.stack([oldest, 0]), jnp.stack([steps, episodes])
-        step, column = jax.random.randint(key, (2, batch), low[:, None], high[:, None])
+        # One draw, where `randint` takes three; what it divides by is far below 2^32.
+        drawn = jax.random.bits(key, (2, batch), jnp.uint32) % (high - low).astype(jnp.uint32)[:, None]
+        step, column = low[:, None] + drawn.astype(jnp.int32)
 
         take = by_shard(lambda table, row, column: table[row, column], self.shards, axes=(1, 0, 0))
 

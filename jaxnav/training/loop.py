@@ -121,7 +121,7 @@ class Trainer:
         start = loop.replace(key=key)
         iterations = self.config.steps_per_chunk // self.agent.horizon
         loop, metrics = jax.lax.scan(
-            lambda carry, key: self._iterate(carry, key, pool, hyper), start, jax.random.split(key_steps, iterations)
+            lambda carry, keys: self._iterate(carry, keys, pool, hyper), start, self._keys(key_steps, iterations)
         )
         # The metrics of an update are those before its own step: look at what the last one left behind, too.
         # In one piece, since a reduction for each of the many leaves takes as long to compile as the world's step.
@@ -129,11 +129,21 @@ class Trainer:
         sums = {name: jnp.sum(metrics.pop(name), axis=0) for name in ("episodes_ended", "episodes_arrived")}
         return loop, jax.tree.map(jnp.mean, metrics) | sums | {"finite": jnp.all(jnp.isfinite(numbers))}
 
+    def _keys(self, key, iterations):
+        """The keys of all iterations: `[iterations, horizon, 3]` to play, `[iterations, updates, 2]` to learn.
+
+        In one go: on a CPU every draw of a shape of its own, such as a split, takes half a second to compile.
+        """
+        key_play, key_learn = jax.random.split(key)
+        updates = self.agent.config.updates_per_step if self.agent.replays else 1
+        play = jax.random.split(key_play, (iterations, self.agent.horizon, 3))
+        return play, jax.random.split(key_learn, (iterations, updates, 2))
+
     def _resets(self, key, count, scene):
         def reset(key, scene):
-            key_scene, key_seed, key = jax.random.split(key, 3)
-            drawn = jax.random.randint(key_scene, (), 0, len(self.world.scenes))
-            seed = jax.random.bits(key_seed, (), jnp.uint32)
+            key, key_draw = jax.random.split(key)
+            drawn, seed = jax.random.bits(key_draw, (2,), jnp.uint32)
+            drawn = (drawn % len(self.world.scenes)).astype(jnp.int32)
             params = draw(seed, self.params, self.ranges) if self.ranges else self.params
             return self.world.reset(key, params, jnp.where(scene < 0, drawn, scene), seed)
 
@@ -145,33 +155,32 @@ class Trainer:
             return self.params, None
         return jax.vmap(lambda seed: draw(seed, self.params, self.ranges))(seeds), 0
 
-    def _iterate(self, loop, key, pool, hyper):
+    def _iterate(self, loop, keys, pool, hyper):
         """``horizon`` steps of all episodes, and what is learnt after them."""
-        key_play, key_learn = jax.random.split(key)
+        play, learn = keys
         if self.agent.replays:
-            loop, (transitions, metrics) = self._step(loop, key_play, pool, hyper)
-            loop, losses = self._learn_from_replay(loop, key_learn, transitions, hyper)
+            loop, (transitions, metrics) = self._step(loop, play[0], pool, hyper)
+            loop, losses = self._learn_from_replay(loop, learn, transitions, hyper)
         else:
-            keys = jax.random.split(key_play, self.agent.horizon)
             loop, (transitions, metrics) = jax.lax.scan(
-                lambda loop, key: self._step(loop, key, pool, hyper), loop, keys
+                lambda loop, keys: self._step(loop, keys, pool, hyper), loop, play
             )
             sums = {name: jnp.sum(metrics.pop(name), axis=0) for name in ("episodes_ended", "episodes_arrived")}
             metrics = {"reward": jnp.mean(metrics["reward"])} | sums
             batch = jax.vmap(self._render)(transitions)
-            learner, losses = self.agent.update(key_learn, loop.learner, batch, hyper, self._lr_scale(loop, hyper))
+            learner, losses = self.agent.update(learn[0, 0], loop.learner, batch, hyper, self._lr_scale(loop, hyper))
             loop = loop.replace(learner=learner)
         return loop, metrics | losses
 
-    def _step(self, loop, key, pool, hyper):
+    def _step(self, loop, keys, pool, hyper):
         """A step of all episodes: (loop, (transitions `[episodes]`, metrics))."""
-        key_pool, key_act, key_world = jax.random.split(key, 3)
+        key_pool, key_act, key_world = keys
         world, episodes = self.world, self.config.episodes
 
         # Ended episodes are replaced here, not after the step: `ended` is then an input of this program instead of
         # the end of a long chain, which XLA would compute anew for each of the fifty leaves it selects.
         size = episodes // self.shards
-        offsets = jax.random.randint(key_pool, (self.shards,), 0, size)
+        offsets = (jax.random.bits(key_pool, (self.shards,), jnp.uint32) % size).astype(jnp.int32)
         window = by_shard(
             lambda leaf, offset: jax.lax.dynamic_slice_in_dim(leaf, offset[0], size), self.shards, axes=(0, 0)
         )
@@ -202,22 +211,20 @@ class Trainer:
         }
         return loop.replace(counter=loop.counter + 1, states=states, ended=ended), (transitions, metrics)
 
-    def _learn_from_replay(self, loop, key, transitions, hyper):
+    def _learn_from_replay(self, loop, keys, transitions, hyper):
         """``updates_per_step`` updates from replay, the new transitions in it."""
         config = self.agent.config
         replay = self.replay.add(loop.replay, loop.counter - 1, transitions)
         lr_scale = self._lr_scale(loop, hyper)
 
-        def learn(learner, key_and_step):
-            key, step = key_and_step
-            key_sample, key_update = jax.random.split(key)
+        def learn(learner, keys_and_step):
+            (key_sample, key_update), step = keys_and_step
             sampled, steps = self.replay.sample(
                 key_sample, replay, loop.counter, config.batch, config.n_step, hyper.discount, self.since
             )
             batch = self._render(sampled, steps)
             return self.agent.update(key_update, learner, batch, hyper, lr_scale, step)
 
-        keys = jax.random.split(key, config.updates_per_step)
         # Counted by what members of a population share: their delayed updates stay one branch.
         steps = loop.counter * config.updates_per_step + jnp.arange(config.updates_per_step)
         learner, metrics = jax.lax.scan(learn, loop.learner, (keys, steps))

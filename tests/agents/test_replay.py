@@ -133,6 +133,6 @@ def test_several_steps_are_those_of_plain_python(seed, ends, steps, n):
         assert counts[i] == count
         np.testing.assert_allclose(sample.reward[i], reward, rtol=1e-5, atol=1e-6)
         for name in ("next_snapshot", "terminated", "ended"):
-            np.testing.assert_array_equal(sample[name][i], history[name][last, episode])
+            np.testing.assert_array_equal(getattr(sample, name)[i], getattr(history, name)[last, episode])
         for name in ("snapshot", "twist", "request"):
-            np.testing.assert_array_equal(sample[name][i], history[name][step, episode])
+            np.testing.assert_array_equal(getattr(sample, name)[i], getattr(history, name)[step, episode])

@@ -106,9 +106,9 @@ def message_loss(actor: Parameters, key: jax.Array, networks: HybridNetworks, vo
 
     Every message is as frequent as any other.
     """
-    key_message, key_word = jax.random.split(key)
-    message = jax.random.randint(key_message, (_PHRASES,), 0, len(MESSAGES))
-    index, word = vocabulary.phrase(message, jax.random.bits(key_word, (_PHRASES,), jnp.uint32))
+    drawn, word = jax.random.bits(key, (2, _PHRASES), jnp.uint32)
+    message = (drawn % len(MESSAGES)).astype(jnp.int32)
+    index, word = vocabulary.phrase(message, word)
     meant = jnp.asarray(vocabulary.message)[index], jnp.asarray(vocabulary.reply)[index]
     understood = networks.understand(actor, vocabulary.vectors(index, word))
     losses = [
