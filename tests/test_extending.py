@@ -10,6 +10,9 @@ import sys
 import pytest
 
 import jaxnav
+from jaxnav.export.of_run import export_run
+from jaxnav.export.verify import verify
+from jaxnav.training.run import Run
 
 ROOT = pathlib.Path(__file__).parents[1]
 RECIPES = ROOT / "docs" / "recipes"
@@ -51,6 +54,8 @@ def test_a_robot_trains_with_a_scene_people_a_reward_and_an_encoder_from_files(t
     terms = episode.outcomes.reward_terms
     assert set(terms) == {"arrival", "collision", "closeness", "progress"}
     assert sum(terms.values()) == pytest.approx(episode.outcomes.reward)
+    export_run(Run.open(moved), policy, "last", tmp_path / "bundle")
+    assert "selftest passed" in verify(tmp_path / "bundle")
 
 
 def test_a_request_is_added_in_three_places(tmp_path):
@@ -67,6 +72,9 @@ _SLOWS_DOWN = """
 import dataclasses
 import jax, jax.numpy as jnp
 import jaxnav
+from jaxnav.export.of_run import export_run
+from jaxnav.export.verify import verify
+from jaxnav.training.run import Run
 from jaxnav.agents import HSAC, HSACConfig
 from jaxnav.agents.networks import Actor
 from jaxnav.language.speaker import Context, sentences

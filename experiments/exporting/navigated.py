@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnav import SCENES, Action, World
+from jaxnav import Action
 from jaxnav.agents.networks import message_words
 from jaxnav.export.contract import RAW_PARTS
 from jaxnav.language.table import default_table
@@ -42,8 +42,7 @@ class Worlds:
         self.limit = math.ceil(float(run.params.max_steps))
         # As in `jaxnav.training.rollout.play`: the same episodes.
         self._keys = jnp.moveaxis(jax.vmap(lambda key: jax.random.split(key, self.limit))(key_steps), 1, 0)
-        raw = dataclasses.replace(run.world.config, observation=RAW_PARTS)
-        world = World(raw, [scene for scene in run.world.scenes if scene.name not in SCENES], people=run.world.people)
+        world = run.world.with_config(dataclasses.replace(run.world.config, observation=RAW_PARTS))
         self.state = jax.jit(jax.vmap(run.world.reset, in_axes=(0, None, 0)))(key_reset, run.params, scenes)
         self._spoken = run.agent.vocabulary("test")
 

@@ -12,7 +12,6 @@ from ..agents.distributions import request_log_probabilities
 from ..agents.networks import message_codes, message_words
 from ..training.rollout import Episode
 from ..training.run import Run
-from ..world import SCENES, World
 from ..world.robot import twist_from_action
 from ..world.types import REPLIES
 from .contract import RAW_PARTS, TALK, raw_inputs
@@ -27,10 +26,7 @@ class Reference:
 
     def __init__(self, run: Run, actor: Any) -> None:
         self._run, self._actor = run, actor
-        config = dataclasses.replace(run.world.config, observation=RAW_PARTS)
-        self._raw = World(
-            config, [scene for scene in run.world.scenes if scene.name not in SCENES], people=run.world.people
-        )
+        self._raw = run.world.with_config(dataclasses.replace(run.world.config, observation=RAW_PARTS))
         self._both = jax.jit(lambda *given: (self._inputs(*given[1:]), self._outputs(*given)))
 
     def play(self, seed: int, episodes: int = _EPISODES) -> list[Episode]:

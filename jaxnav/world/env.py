@@ -15,11 +15,13 @@ from .config import WorldConfig
 from .geometry import Vec2, closest_approach, norm, time_to_disc, to_frame
 from .params import Params, check_params
 from .people import (
+    BUILT_IN_PEOPLE,
     RECORDING,
     PedestrianModel,
     Surroundings,
     advance,
     check_model,
+    check_step,
     choose_people,
     read_recording,
     recording_scene,
@@ -100,6 +102,13 @@ class World:
         # None where every scene gives all pedestrians: then nothing is asked about sight.
         sight = np.array([scenes.SIGHTS.index(scene.sight) for scene in self.scenes])
         self._sight = sight if sight.any() else None
+        if people is not None or config.people not in BUILT_IN_PEOPLE:
+            check_step(self.people, self.reset, self.walls, config, Params(**self.scenes[0].params))
+
+    def with_config(self, config: WorldConfig) -> "World":
+        """A world of the same scenes, people and reward, of another size or with other observations."""
+        own = [scene for scene in self.scenes if scenes.SCENES.get(scene.name) is not scene]
+        return World(config, own, self._model, self._reward)
 
     def walls(self, scene: jax.Array | int) -> Walls:
         """`Walls` of the scene with that index."""

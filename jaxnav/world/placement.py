@@ -152,6 +152,8 @@ def check_starts(scenes, pedestrians):
 
     pedestrians: how many the world holds. ValueError: somebody starts or ends outside of the walls or in another body.
     """
+    for scene in scenes:
+        _check_draws(scene)
     walls, floors = pad_walls([walls_from_chains(scene.chains) for scene in scenes]), floor_table(scenes)
     numbers = np.random.default_rng(0).random((_TRIES, _DRAWS, _CANDIDATES), np.float32)
     several = [min(pedestrians, scene.crowd[1] if scene.crowd else pedestrians) > 1 for scene in scenes]
@@ -174,6 +176,29 @@ def check_starts(scenes, pedestrians):
         with jax.ensure_compile_time_eval():
             robot, first, further = (np.asarray(part) for part in starts(jnp.int32(number), params))
         _check_starts(scene, params, robot, first, further if several[number] else further[..., :0])
+
+
+def _check_draws(scene):
+    """ValueError: ``meet`` or ``stroll`` takes other arguments, raises, or returns other than coordinates `[C]`."""
+    _check_draw(f"scene {scene.name}: meet", scene.meet, _DRAWS, (0.6, 0.5), (4, 6))
+    if scene.stroll is not None:
+        _check_draw(f"scene {scene.name}: stroll", scene.stroll, 5, (), (6,))
+
+
+def _check_draw(said, draw, count, speeds, sizes):
+    """`_check_draws` of a function of ``count`` arrays of uniform numbers; sizes: of the tuples that it returns."""
+    number = jax.ShapeDtypeStruct((_CANDIDATES,), jnp.float32)
+    try:
+        drawn = jax.eval_shape(lambda numbers: draw(numbers, *speeds), [number] * count)
+    except Exception as error:
+        text = str(error).partition("\n")[0]
+        takes = f"({count} arrays of uniform numbers{', robot speed, pedestrian speed' if speeds else ''})"
+        raise ValueError(f"{said} raises {type(error).__name__} ({text}): let it take {takes}, in jnp") from error
+    groups = drawn if len(sizes) > 1 else (drawn,)
+    found = tuple(len(group) if isinstance(group, tuple | list) else 0 for group in groups)
+    if found != sizes or any(leaf.shape != number.shape for leaf in jax.tree.leaves(drawn)):
+        wanted = "(robot x, y, goal x, y), " * (len(sizes) > 1) + "(x, y, way point x, y, goal x, y)"
+        raise ValueError(f"{said} returns something else than {wanted}: let it return these, each shaped like u[0]")
 
 
 def _check_starts(scene, params, robot, first, further):

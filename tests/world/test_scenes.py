@@ -187,12 +187,30 @@ def world_of(*own, pedestrians=1):
     return World(WorldConfig(scenes=tuple(scene.name for scene in own), pedestrians=pedestrians), own)
 
 
+@pytest.mark.parametrize(
+    ("field", "draw", "message"),
+    [
+        ("meet", lambda u: u, r"meet raises TypeError .*let it take \(12 arrays .*, robot speed, pedestrian speed\)"),
+        (
+            "meet",
+            lambda u, *speeds: ((0.0,) * 4, tuple(u[:6])),
+            r"meet .*\(robot x, y, goal x, y\).*shaped like u\[0\]",
+        ),
+        ("meet", lambda u, *speeds: (u[:4], u[:5]), "meet returns something else"),
+        ("stroll", lambda u: u[0], r"stroll returns something else than \(x, y, way point"),
+    ],
+)
+def test_what_a_scene_draws_wrongly_is_said_when_a_world_is_made(field, draw, message):
+    with pytest.raises(ValueError, match=f"^scene room: {message}"):
+        world_of(dataclasses.replace(ROOM, **{field: draw}))
+
+
 def test_own_scenes_have_names_of_their_own():
     world_of(ROOM)
     with pytest.raises(ValueError, match="own scene 'square' has the name of another"):
-        world_of(SCENES["square"])
+        world_of(dataclasses.replace(SCENES["square"]))
     with pytest.raises(ValueError, match="own scene 'room' has the name of another"):
-        World(WorldConfig(scenes=("room",)), [ROOM, ROOM])
+        World(WorldConfig(scenes=("room",)), [ROOM, dataclasses.replace(ROOM)])
 
 
 def test_default_params_of_a_world_know_its_own_scenes():

@@ -2,7 +2,7 @@
 
 from ..config import WorldConfig
 from .intention import Intention, intend
-from .model import PedestrianModel, Surroundings, advance, check_model
+from .model import PedestrianModel, Surroundings, advance, check_model, check_step
 from .orca_people import OrcaPeople
 from .recorded import Recorded
 from .recording import RECORDING, Rows, Visit, read_recording, recording_scene, visits
@@ -14,7 +14,10 @@ PEDESTRIAN_MODELS: dict[str, PedestrianModel] = {
     "recorded": Recorded(),
 }
 
+BUILT_IN_PEOPLE = frozenset(PEDESTRIAN_MODELS)
+
 __all__ = [
+    "BUILT_IN_PEOPLE",
     "PEDESTRIAN_MODELS",
     "RECORDING",
     "Intention",
@@ -27,6 +30,7 @@ __all__ = [
     "Visit",
     "advance",
     "check_model",
+    "check_step",
     "choose_people",
     "intend",
     "read_recording",

@@ -1,7 +1,7 @@
 """How people move: the Protocol that every model of pedestrians fulfils."""
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import jax
@@ -99,3 +99,31 @@ def advance(
     intentions = intend(pedestrians, encounters, traits, params)
     pedestrians, memory = model.step(pedestrians, memory, intentions, surroundings, config, params)
     return turn(pedestrians), memory
+
+
+def check_step(model: PedestrianModel, reset: Callable, walls: Callable, config: WorldConfig, params: Params) -> None:
+    """ValueError: ``model`` raises, or its step returns something else than pedestrians and memory like those given.
+
+    reset: (key, params) -> `State`; walls: index of a scene -> `Walls`. Nothing is computed, shapes are.
+    """
+
+    def step(key):
+        state = reset(key, params)
+        before, t = (state.pedestrians, state.people_memory), state.t
+        surroundings = Surroundings(robot=state.robot, walls=walls(state.scene), t=t, seed=state.seed)
+        after = advance(model, *before, state.encounters, state.traits, surroundings, config, params)
+        return before, after
+
+    value = f"world.people is a {type(model).__name__}"
+    try:
+        given, returned = jax.eval_shape(step, jax.random.key(0))
+    except Exception as error:
+        text = str(error).partition("\n")[0]
+        raise ValueError(
+            f"{value}, which raises {type(error).__name__} ({text}): let its step return (pedestrians, memory)"
+        ) from error
+    if given != returned:
+        raise ValueError(
+            f"{value}, whose step returns other shapes or types than it is given: let it return (pedestrians, memory) "
+            "with fields of the same shapes and types"
+        )

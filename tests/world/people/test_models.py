@@ -62,6 +62,19 @@ def test_what_a_model_lacks_is_said_when_a_world_is_made(model, message):
         World(people=model)
 
 
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        (lambda self, *given: 3, r"raises TypeError \(cannot unpack .*let its step return \(pedestrians, memory\)"),
+        (lambda self, people, *others: (people.replace(x=people.x[:0]), None), "returns other shapes or types"),
+        (lambda self, people, *others: (people, people.x), "returns other shapes or types"),
+    ],
+)
+def test_what_a_model_returns_wrongly_is_said_when_a_world_is_made(step, message):
+    with pytest.raises(ValueError, match=f"world.people is a Lacking, .*{message}"):
+        World(people=lacking(step=step))
+
+
 def test_unknown_people():
     with pytest.raises(ValueError, match=r"is 'x': choose orca, recorded, social-force or file\.py:NAME"):
         World(WorldConfig(people="x"))
