@@ -61,7 +61,7 @@ def load_part(name: str, kind: str) -> Any:
         raise UserError(f"{said}: there is no {attribute} in it; {choose}")
     part = getattr(module, attribute)
     if not _CHECKS[kind](part):
-        raise UserError(f"{said}, which is a {type(part).__name__}, not {_KINDS[kind]}: {choose}")
+        raise UserError(f"{said}, of type {type(part).__name__}, not {_KINDS[kind]}: {choose}")
     return tuple(part) if isinstance(part, list) else part
 
 

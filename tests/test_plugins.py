@@ -61,15 +61,15 @@ def test_a_part_is_loaded_once_by_its_text(file, tmp_path):
         (SCENE, "a.py:ROOF", "scene", r"there is no ROOF in it; choose from YARD, SHED, BOTH$"),
         (SCENE, "a.py", "scene", r"has no NAME: choose from YARD, SHED, BOTH$"),
         (SCENE, "a.py:", "scene", r"has no NAME: choose from YARD, SHED, BOTH$"),
-        (SCENE, "a.py:NUMBER", "scene", r"is a int, not a Scene or several: choose from YARD"),
+        (SCENE, "a.py:NUMBER", "scene", r"of type int, not a Scene or several: choose from YARD"),
         (
             SCENE,
             "a.py:YARD",
             "encoder",
-            r"agent\.encoder is .* is a Scene, not an Encoder: .*a\.py has no encoder: add",
+            r"agent\.encoder is .*, of type Scene, not an Encoder: .*a\.py has no encoder: add",
         ),
-        (SCENE, "a.py:YARD", "learner", r"algo is .*, which is a Scene, not what register_learner returns: "),
-        (SCENE, "a.py:YARD", "reward", r"world\.reward is .* is a Scene, not a function .*: choose from fast"),
+        (SCENE, "a.py:YARD", "learner", r"algo is .*, of type Scene, not what register_learner returns: "),
+        (SCENE, "a.py:YARD", "reward", r"world\.reward is .*, of type Scene, not a function .*: choose from fast"),
     ],
 )
 def test_what_is_no_part_is_refused_in_one_line(tmp_path, text, name, kind, says):

@@ -1,4 +1,4 @@
-"""A conversation in a live episode, with ears that understand what the test says they do."""
+"""A conversation in a live episode, with an interpreter that understands what the test says they do."""
 
 import jax
 import jax.numpy as jnp

@@ -44,11 +44,11 @@ class Worlds:
         self._keys = jnp.moveaxis(jax.vmap(lambda key: jax.random.split(key, self.limit))(key_steps), 1, 0)
         world = run.world.with_config(dataclasses.replace(run.world.config, observation=RAW_PARTS))
         self.state = jax.jit(jax.vmap(run.world.reset, in_axes=(0, None, 0)))(key_reset, run.params, scenes)
-        self._spoken = run.agent.vocabulary("test")
+        self._vocabulary = run.agent.vocabulary("test")
 
-        def look(state, spoken):
+        def look(state, vocabulary):
             seen = jax.vmap(world.observe, in_axes=(0, None))(state, run.params)
-            return seen, () if spoken is None else message_words(seen.dialogue, spoken)
+            return seen, () if vocabulary is None else message_words(seen.dialogue, vocabulary)
 
         self._look = jax.jit(look)
         self._step = jax.jit(jax.vmap(run.world.step, in_axes=(0, 0, 0, None)))
@@ -56,7 +56,7 @@ class Worlds:
 
     def observe(self):
         """(observations without maps, words that are heard), numpy."""
-        return jax.device_get(self._look(self.state, self._spoken))
+        return jax.device_get(self._look(self.state, self._vocabulary))
 
     def play(self, drive):
         """`Ends` of the episodes. drive: a function (step, who still drives `[n]`) -> v, w and request, `[n]` each."""

@@ -101,7 +101,7 @@ class _Held:
     saved: float
 
 
-class _Judge:
+class _PopulationEvaluator:
     """Plays all members of a population at once, through one program that is compiled ahead of its first use."""
 
     def __init__(self, population: Population, params: Any, agent: Any, episodes: int) -> None:
@@ -131,7 +131,7 @@ class Worker:
     """Holds populations and trains them. Populations that are alike share a compiled program."""
 
     def __init__(self) -> None:
-        self._programs: dict[str, tuple[Population, _Judge]] = {}
+        self._programs: dict[str, tuple[Population, _PopulationEvaluator]] = {}
         self._held: dict[str, _Held] = {}
 
     def advance(self, job: PopulationJob, round: int, fills: list[SlotFill]) -> Round:
@@ -169,14 +169,14 @@ class Worker:
         """Free the memory of a population that is done."""
         self._held.pop(name, None)
 
-    def _program(self, job: PopulationJob) -> tuple[Population, _Judge]:
+    def _program(self, job: PopulationJob) -> tuple[Population, _PopulationEvaluator]:
         key = job.program()
         if key not in self._programs:
             config, agent = job.config, make_agent(job.config)
             own = tuple(name.rpartition(".")[2] for name in job.floats if name.startswith("world."))
             population = Population(config, agent, job.members, own)
-            judge = _Judge(population, config.world.params, agent, job.episodes)
-            self._programs[key] = population, judge
+            evaluate = _PopulationEvaluator(population, config.world.params, agent, job.episodes)
+            self._programs[key] = population, evaluate
         return self._programs[key]
 
     def _restore(self, job: PopulationJob, round: int, fills: list[SlotFill]) -> _Held:
@@ -196,7 +196,7 @@ class Worker:
 
     def _play(self, job: PopulationJob, held: _Held, fills: list[SlotFill]) -> None:
         """Train one more round."""
-        population, judge = self._program(job)
+        population, evaluate = self._program(job)
         began = time.monotonic()
         before = [fill for fill in fills if fill.round <= held.round]
         hyper, own, since, seeds = _floats(job, before)
@@ -209,7 +209,7 @@ class Worker:
             loop, hyper, (held.round + 1) * job.round_steps, lambda steps, metrics: lines.append(metrics), broken,
             own, since,
         )  # fmt: skip
-        scenes = judge(trained.policies, job.seed, job.phrases)
+        scenes = evaluate(trained.policies, job.seed, job.phrases)
         losses = [
             {name: float(np.mean([line[name][i] for line in lines])) for name in LOSSES if name in lines[0]}
             for i in range(job.members)

@@ -47,8 +47,22 @@ RewardFunction = Callable[[StepEvents, Params], dict[str, jax.Array]]
 REWARDS: dict[str, RewardFunction] = {}
 
 
+_REMEDY = "give a function (StepEvents, Params) -> dict of scalar terms"
+
+
+def _check_call(function, name):
+    """ValueError: ``function`` can't be called with two arguments."""
+    if not callable(function):
+        raise ValueError(f"world.reward is {name}, a {type(function).__name__}: {_REMEDY}")
+    try:
+        inspect.signature(function).bind(None, None)
+    except TypeError as error:
+        raise ValueError(f"world.reward is {name}, which doesn't take two arguments ({error}): {_REMEDY}") from None
+
+
 def register_reward(name: str, function: RewardFunction) -> RewardFunction:
-    """Make a reward known by a name, for ``WorldConfig.reward``. ValueError: another one has that name."""
+    """Make a reward known by a name, for ``WorldConfig.reward``. ValueError: it is none, or another has that name."""
+    _check_call(function, name)
     if REWARDS.get(name, function) is not function:
         raise ValueError(f"reward {name!r} is registered twice: give the second one a name of its own")
     REWARDS[name] = function
@@ -107,13 +121,7 @@ def find_reward(name: str) -> RewardFunction:
 
 def check_reward(function: RewardFunction, name: str) -> None:
     """ValueError: ``function`` is no function of (`StepEvents`, `Params`) that returns a dict of scalars."""
-    remedy = "give a function (StepEvents, Params) -> dict of scalar terms"
-    if not callable(function):
-        raise ValueError(f"world.reward is {name}, a {type(function).__name__}: {remedy}")
-    try:
-        inspect.signature(function).bind(None, None)
-    except TypeError as error:
-        raise ValueError(f"world.reward is {name}, which doesn't take two arguments ({error}): {remedy}") from None
+    _check_call(function, name)
     flags: dict[str, Any] = dict.fromkeys(
         ("arrived", "collided", "hit_pedestrian", "fits", "follows"), jax.ShapeDtypeStruct((), bool)
     )
@@ -126,11 +134,11 @@ def check_reward(function: RewardFunction, name: str) -> None:
         terms = jax.eval_shape(function, events, Params())
     except Exception as error:
         text = str(error).partition("\n")[0]
-        raise ValueError(f"world.reward is {name}, which raises {type(error).__name__} ({text}): {remedy}") from error
+        raise ValueError(f"world.reward is {name}, which raises {type(error).__name__} ({text}): {_REMEDY}") from error
     if not isinstance(terms, dict) or not terms:
-        raise ValueError(f"world.reward is {name}, which returns a {type(terms).__name__}: {remedy}")
+        raise ValueError(f"world.reward is {name}, which returns a {type(terms).__name__}: {_REMEDY}")
     for term, value in terms.items():
         shape = getattr(value, "shape", None)
         if not isinstance(term, str) or shape != () or not jnp.issubdtype(value.dtype, jnp.number):
             given = f"{value.dtype} {list(shape)}" if shape is not None else type(value).__name__
-            raise ValueError(f"world.reward is {name}, whose term {term!r} is {given}: {remedy}")
+            raise ValueError(f"world.reward is {name}, whose term {term!r} is {given}: {_REMEDY}")

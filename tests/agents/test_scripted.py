@@ -122,7 +122,7 @@ def test_an_orca_robot_avoids_people_better_than_a_straight_line():
 
 @pytest.mark.parametrize("name", HARD)
 def test_words_are_worth_five_points_in_every_hard_scene(name, full):
-    """The planner beside the same without ears, and without a voice; the same episodes for all three."""
+    """The planner beside the same when it doesn't hear, and without a voice; the same episodes for all three."""
     episodes = 10_000 if full else BLOCK
     best = success(PLANNER, name, episodes=episodes)
     assert best >= success(DEAF, name, episodes=episodes) + 0.05

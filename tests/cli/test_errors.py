@@ -156,7 +156,7 @@ raise ValueError("no\\nroof")
     [
         (["--scene", "no.py:YARD"], ["world.scenes is 'no.py:YARD'", "give an existing file"]),
         (["--scene", "bad.py:YARD"], ["world.scenes is 'bad.py:YARD'", "line 2", "ValueError (no roof)", "mend"]),
-        (["--scene", "mine.py:NUMBER"], ["'mine.py:NUMBER'", "is a int, not a Scene", "choose from YARD"]),
+        (["--scene", "mine.py:NUMBER"], ["'mine.py:NUMBER'", "of type int, not a Scene", "choose from YARD"]),
         (["--scene", "mine.py:SHED"], ["'mine.py:SHED'", "no SHED in it", "choose from YARD"]),
         (["--scene", "mine.py"], ["'mine.py'", "no NAME", "choose from YARD"]),
         (["--scene", "mine.py:YARD,mine.py:AGAIN"], ["world.scenes", "'yard'", "each once"]),

@@ -62,7 +62,7 @@ def test_what_can_be_wrong_about_words_is_one_line(capsys, trained, tmp_path, mo
     assert "--phrases is 'exam': give one of test" in fails(capsys, "evaluate", folder, "--phrases", "exam")
 
 
-def test_a_run_of_another_table_or_without_ears_is_refused(capsys, trained, tmp_path):
+def test_a_run_of_another_table_or_that_hears_no_sentences_is_refused(capsys, trained, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder)
     config = json.loads((folder / "config.json").read_text())

@@ -1,4 +1,4 @@
-"""What people mean: the policy's own ears, and a language model that is checked."""
+"""What people mean: the policy's own interpreter, and a language model that is checked."""
 
 import json
 
@@ -9,7 +9,7 @@ from jaxnav.language.interpreter import LanguageModelInterpreter, PolicyInterpre
 from jaxnav.world.types import LEFT, NONE, REFUSES, RIGHT, STOP
 
 
-def ears(message=(0.01, 0.01, 0.97, 0.01), reply=(0.9, 0.05, 0.05)):
+def interpreter(message=(0.01, 0.01, 0.97, 0.01), reply=(0.9, 0.05, 0.05)):
     """PolicyInterpreter that always understand the same."""
     heard = []
 
@@ -26,7 +26,7 @@ def ears(message=(0.01, 0.01, 0.97, 0.01), reply=(0.9, 0.05, 0.05)):
 
 
 def test_ears_pass_on_what_the_policy_hears():
-    found = ears().read("Go  right\n")
+    found = interpreter().read("Go  right\n")
     assert (found.text, found.message, found.name, found.reply, found.unsure) == (
         "Go right",
         RIGHT,
@@ -36,12 +36,12 @@ def test_ears_pass_on_what_the_policy_hears():
     )
     np.testing.assert_allclose(found.heard, [0.01, 0.97, 0.01], rtol=1e-6)
     assert found.confidence == pytest.approx(0.97)
-    assert ears((0.3, 0.05, 0.35, 0.3)).read("Go right").unsure
+    assert interpreter((0.3, 0.05, 0.35, 0.3)).read("Go right").unsure
 
 
 @pytest.mark.parametrize("text", ["", "   ", "\x00\x07\x1b", "\N{THUMBS UP SIGN}" * 9, "...!?", "идите направо"])
 def test_what_is_no_sentence_is_silence_and_logged(text, caplog):
-    listener = ears()
+    listener = interpreter()
     found = listener.read(text)
     assert (found.name, found.confidence, found.unsure) == ("silence", 1.0, False)
     assert not found.heard.any() and listener.heard == []
@@ -49,7 +49,7 @@ def test_what_is_no_sentence_is_silence_and_logged(text, caplog):
 
 
 def test_of_a_very_long_text_the_beginning_is_read(caplog):
-    listener = ears()
+    listener = interpreter()
     assert listener.read("please " * 10_000).name == "right"
     assert len(listener.heard[0]) <= 200
     assert "are read" in caplog.text
@@ -61,7 +61,7 @@ def reader(stub):
     from jaxnav.language.llm import LanguageModel
 
     server = stub(lambda question: '{"message": "stop", "reply": "refuses"}')
-    return LanguageModelInterpreter(LanguageModel(server.url, "m", "key", limit=0.3), ears()), server
+    return LanguageModelInterpreter(LanguageModel(server.url, "m", "key", limit=0.3), interpreter()), server
 
 
 def test_a_language_model_reads(reader):

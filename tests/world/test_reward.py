@@ -216,6 +216,8 @@ def test_rewards_are_registered_once_each():
         World(WorldConfig(reward="test-speed"))
         with pytest.raises(ValueError, match=r"reward 'test-speed' is registered twice: give"):
             register_reward("test-speed", _raises)
+        with pytest.raises(ValueError, match=r"world\.reward is three, a int: give a function"):
+            register_reward("three", 3)
     finally:
         del REWARDS["test-speed"]
     with pytest.raises(ValueError, match=r"world\.reward is 'test-speed': choose authors-code, paper-text"):
