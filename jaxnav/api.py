@@ -40,7 +40,7 @@ def train(
     out: the run's folder, that of the configuration if not given.
     resume: go on with the run that the folder holds, bit for bit.
     report: called with each line of metrics.jsonl; progress is shown if not given.
-    finish: write evaluation.json, the pictures and bundle/ at the end.
+    finish: write evaluation.json, the pictures and bundle/ at the end; no bundle of a learner that can't be exported.
     devices: on which the run is parted (see ``jaxnav train --help``); 0: one device, not parted.
     started: ``time.monotonic()`` from which wall_seconds count, now if not given.
 
@@ -72,6 +72,7 @@ def train(
 
 def _finish(run, policy, console):
     """Evaluate, draw and export the last policy of a run."""
+    from .export.contract import check_exportable
     from .export.of_run import export_run
     from .files import write_json
     from .render.of_run import draw_run
@@ -81,6 +82,11 @@ def _finish(run, policy, console):
     write_json(run.folder / "evaluation.json", result)
     with console.status("drawing"):
         draw_run(run, policy, run.config.seed, EPISODES)
+    try:
+        check_exportable(run.agent)
+    except UserError as reason:  # a learner or an encoder of one's own may know no torch
+        console.print(f"no bundle: {reason}")
+        return
     with console.status("exporting"):
         export_run(run, policy, "last", run.folder / "bundle", replace=True)
 

@@ -97,6 +97,7 @@ def _print(run: "Run") -> None:
         "bundle/", "evaluation.json", "trajectories.png", "episode.gif", "learning_curve.png", "metrics.jsonl",
         "config.json",
     )  # fmt: skip
+    names = [name for name in names if (run.folder / name).exists()]  # no bundle of a learner that can't be exported
     seconds = run.files.metrics()[-1]["wall_seconds"]
     Console(markup=False, highlight=False).print(
         f"trained in {seconds:.0f} s; everything is in {run.folder}/: {', '.join(names)}", soft_wrap=True
@@ -118,18 +119,19 @@ def _winner(folder: str, arguments: list[str]) -> "RunConfig":
 def _check_algorithm(arguments: list[str], algo: str) -> None:
     """UserError: an option that other algorithms have, and this one hasn't."""
     from ..agents import LEARNERS
+    from ..agents.learner import find_learner
 
+    def has(learner, part, names):
+        return names & {f.name for f in dataclasses.fields(learner.config if part == "agent" else learner.hyper)}
+
+    own = find_learner(algo)
     for argument in arguments:
         option = argument.partition("=")[0]
         part, _, name = option.removeprefix("--").partition(".")
         if not option.startswith("--") or part not in ("agent", "hyper"):
             continue
         field = name.replace("-", "_")
-        having = [
-            other
-            for other, learner in LEARNERS.items()
-            if {field, field.removeprefix("no_")}
-            & {f.name for f in dataclasses.fields(learner.config if part == "agent" else learner.hyper)}
-        ]
-        if having and algo not in having:
+        names = {field, field.removeprefix("no_")}
+        having = [other for other, learner in LEARNERS.items() if has(learner, part, names)]
+        if having and not has(own, part, names):
             raise UserError(f"{option}: {algo} has no such option; leave it out, or give --algo {' or '.join(having)}")

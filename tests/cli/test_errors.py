@@ -1,6 +1,7 @@
 """What can be wrong on a command line ends in one line with field, value and remedy, and exit code 2; and help."""
 
 import os
+import pathlib
 import re
 import subprocess
 import sys
@@ -8,6 +9,8 @@ import sys
 import pytest
 
 from jaxnav import cli
+from jaxnav.cli.train import _check_algorithm
+from jaxnav.errors import UserError
 from jaxnav.training.config import HSACHyperparameters, HSACRunConfig, TrainConfig
 from jaxnav.world import Params, WorldConfig
 
@@ -185,3 +188,10 @@ def test_a_part_that_is_none_is_one_line(capsys, tmp_path, monkeypatch, argument
     assert all(word in error for word in said), error
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".py") == ["bad.py", "mine.py"]
     assert not (tmp_path / "runs").exists()
+
+
+def test_a_learner_of_ones_own_takes_options_that_others_have_too():
+    recipe = pathlib.Path(__file__).parents[2] / "docs" / "recipes" / "learner.py"
+    _check_algorithm(["--agent.batch", "64", "--hyper.epsilon", "0.2"], f"{recipe}:DQN")
+    with pytest.raises(UserError, match=r"--agent.heads: .*:DQN has no such option; .* --algo hsac"):
+        _check_algorithm(["--agent.heads", "shared"], f"{recipe}:DQN")
