@@ -76,7 +76,8 @@ _HOOKS = {
 
 def check_model(model: Any) -> None:
     """Raise ValueError where ``model`` lacks a part of `PedestrianModel`, or one that takes other arguments."""
-    value = f"world.people is {model!r}"
+    # An address in memory tells nobody anything.
+    value = f"world.people is {f'a {type(model).__name__}' if type(model).__repr__ is object.__repr__ else repr(model)}"
     if inspect.isclass(model):
         raise ValueError(f"{value}: give an object, {model.__name__}(), not its class")
     for name, arguments in _HOOKS.items():
