@@ -7,6 +7,7 @@ import sys
 import time
 
 from ..errors import UserError
+from ..training.unraisable import without_orbax
 
 STARTED = time.monotonic()  # training time counts from here, so that importing a command's libraries counts
 
@@ -59,6 +60,8 @@ def main(arguments: list[str] | None = None) -> None:
         return
     if name not in COMMANDS:
         _fail(f"command {name!r} is unknown: choose from {', '.join(COMMANDS)}")
+    # A failed checkpoint is one line, and its remains may be collected at any time until the process has ended.
+    sys.unraisablehook = without_orbax(sys.unraisablehook)
     try:
         importlib.import_module(f".{name}", __name__).command(options)
     except UserError as error:

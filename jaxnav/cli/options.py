@@ -116,15 +116,20 @@ class Opened:
         return {"trained_in": list(self.trained.world.scenes), "changed": changes(self.trained, self.run.config)}
 
 
-def open_run(folder: str, which: str, scenes: str = "") -> Opened:
+def open_run(folder: str, which: str, scenes: str = "", hears: bool = False) -> Opened:
     """The run of a folder and its policy, in other scenes if any are given.
 
-    which: last or best. UserError: the folder holds no such policy, or there is no such scene.
+    which: last or best; hears: whether its robot has to hear sentences. UserError: the folder holds no such policy,
+    there is no such scene, or the robot is deaf to sentences.
     """
     from ..training.elsewhere import in_scenes
     from ..training.run import Run
 
     run = Run.open(folder)
+    if hears and not (run.agent.can_hear and run.config.world.hearing):
+        raise UserError(
+            f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
+        )
     policy = run.policy(which)
     if not scenes:
         return Opened(run, policy, run.config)

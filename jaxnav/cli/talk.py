@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING
 
 from .. import fields
 from ..errors import UserError, remedy
-from .options import EpisodeOptions, RunFolder, enable_compilation_cache, parse, run_folder, tolerate_any_encoding
-from .understand import interpreter_of, log_to_stderr, open_hearing
+from .options import (
+    EpisodeOptions,
+    RunFolder,
+    enable_compilation_cache,
+    open_run,
+    parse,
+    run_folder,
+    tolerate_any_encoding,
+)
+from .understand import interpreter_of, log_to_stderr
 
 if TYPE_CHECKING:
     from ..talk import Conversation
@@ -62,7 +70,7 @@ def command(arguments: list[str]) -> None:
     model = functools.cache(LanguageModel.from_environment)
     speaker = LanguageModelSpeaker(model()) if options.speaker == "llm" else TemplateSpeaker()
     reads = model() if options.interpreter == "llm" else None
-    opened = open_hearing(options.run, options.policy, options.scene)
+    opened = open_run(options.run, options.policy, options.scene, hears=True)
     interpreter = interpreter_of(opened.policy)
     if reads is not None:
         interpreter = LanguageModelInterpreter(reads, interpreter)

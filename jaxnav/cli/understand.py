@@ -10,10 +10,8 @@ import tyro
 from rich.console import Console
 
 from .. import fields
-from ..errors import UserError
 from .options import (
     Flag,
-    Opened,
     PolicyOptions,
     enable_compilation_cache,
     open_run,
@@ -47,7 +45,7 @@ def command(arguments: list[str]) -> None:
     options = parse(_Options, arguments, "understand", _EXAMPLES)
     enable_compilation_cache()
     log_to_stderr()
-    interpreter = interpreter_of(open_hearing(options.run, options.policy).policy)
+    interpreter = interpreter_of(open_run(options.run, options.policy, hears=True).policy)
     if not options.text and sys.stdin.isatty():
         Console(stderr=True).print("a sentence a line; Ctrl-D ends")
     tolerate_any_encoding()
@@ -59,16 +57,6 @@ def command(arguments: list[str]) -> None:
         else:
             doubt = "  (unsure: it would ask again)" if found.unsure else ""
             print(f"{found.name:8} {found.confidence:.2f}  {found.text}{doubt}", flush=True)
-
-
-def open_hearing(folder: str, which: str, scenes: str = "") -> Opened:
-    """`open_run` of a run whose robot hears sentences. UserError: it doesn't."""
-    opened = open_run(folder, which, scenes)
-    if not opened.policy.learner.can_hear or not opened.run.config.world.hearing:
-        raise UserError(
-            f"{folder} is a run whose robot hears no phrases: train one with --algo hsac --agent.language phrases"
-        )
-    return opened
 
 
 def interpreter_of(policy: "Policy") -> "PolicyInterpreter":

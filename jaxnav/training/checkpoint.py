@@ -22,6 +22,7 @@ import orbax.checkpoint as ocp
 
 from ..errors import UserError, remedy
 from .dataclass_json import differences
+from .unraisable import without_orbax
 
 
 @contextlib.contextmanager
@@ -32,17 +33,11 @@ def _quiet() -> Iterator[None]:
     """
     levels = {name: logging.getLogger(name).level for name in ("absl", "asyncio")}
     hook = sys.unraisablehook
-
-    def complain(unraisable):
-        code = getattr(unraisable.object, "cr_code", None)
-        if str(unraisable.exc_value) != "Event loop is closed" and "orbax" not in getattr(code, "co_filename", ""):
-            hook(unraisable)
-
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
         for name in levels:
             logging.getLogger(name).setLevel(logging.CRITICAL)
-        sys.unraisablehook = complain
+        sys.unraisablehook = without_orbax(hook)
         try:
             yield
         except Exception as error:
