@@ -153,7 +153,7 @@ def test_presets_are_those_of_every_algorithm_as_far_as_it_has_their_fields(algo
         ("ppo", "clip", 0.0, "above 0"),
         ("ppo", "gae_lambda", 1.5, "from 0 to 1"),
         ("ppo", "max_gradient_norm", 0.0, "above 0"),
-        ("a2c", "initial_std", 0.0, "above 0"),
+        ("a2c", "initial_std", 0.0, "of at most 1 and above 0"),
     ],
 )
 def test_a_bad_value_of_the_other_algorithms_is_refused(algo, name, value, remedy):
