@@ -228,7 +228,8 @@ class World:
             progress=goal_before - goal_distance, goal_distance=goal_distance, distance=distance,
             min_distance=min_distance, requested=jnp.max(asked), fits=fits, follows=follows, v=robot.v, w=robot.w,
         )  # fmt: skip
-        terms = jax.tree.map(jnp.float32, self._reward(events, params))
+        kind = events.progress.dtype  # of the world's floats: x64 keeps its digits
+        terms = {name: jnp.asarray(term, kind) for name, term in self._reward(events, params).items()}
 
         words = jax.random.bits(key, (self.config.pedestrians,), jnp.uint32)
         replies = encounters.reply

@@ -118,7 +118,7 @@ def test_replay_gives_late_snapshots_back_and_each_episode_has_its_own_latency(d
     np.testing.assert_allclose(scans, now.scan[then], atol=1e-5)
 
 
-def test_a_step_of_delay_costs_a_snapshot_14_bytes_and_16_a_pedestrian():
+def test_a_step_of_delay_costs_a_snapshot_14_bytes_and_17_a_pedestrian():
     def size(**config):
         world = World(WorldConfig(**config))
         state = jax.eval_shape(world.reset, jax.random.key(0), Params())
@@ -127,8 +127,8 @@ def test_a_step_of_delay_costs_a_snapshot_14_bytes_and_16_a_pedestrian():
 
     assert size() == 91
     assert size(control_delay=4) == 91
-    assert size(scan_delay=1) == 91 + 30
-    assert size(scan_delay=3, pedestrians=2) == 91 + 28 + 3 * (14 + 2 * 16)
+    assert size(scan_delay=1) == 91 + 31
+    assert size(scan_delay=3, pedestrians=2) == 91 + 28 + 3 * (14 + 2 * 17)
 
 
 def test_steps_keep_the_types_of_a_reset():

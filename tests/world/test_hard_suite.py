@@ -202,6 +202,6 @@ def test_crowds_that_find_no_place_are_refused_by_name_and_number():
     with pytest.raises(ValueError, match=r"world\.pedestrians is 3: scene crossflow needs at least 4"):
         World(WorldConfig(scenes=("narrow", "crossflow"), pedestrians=3))
     World(WorldConfig(scenes=("narrow", "crossflow"), pedestrians=4))
-    with pytest.raises(ValueError, match=r"world\.pedestrians is 65: give at most 64"):
+    with pytest.raises(ValueError, match=r"world\.pedestrians is 65: give a whole number from 1 to 64"):
         WorldConfig(pedestrians=65)
     WorldConfig(pedestrians=64)

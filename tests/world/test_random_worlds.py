@@ -45,11 +45,16 @@ RANGES = {
     **{name: (-1000.0, 1000.0) for name in Params.__dataclass_fields__ if name.startswith("reward_")},
     "safe_distance": (0.0, 20.0), "comfort_distance": (0.0, 20.0),
 }  # fmt: skip
+# Those that only people of the social force model read: tests/world/people draws them.
+SOCIAL_FORCE = {
+    "relaxation_time", "pedestrian_force", "pedestrian_force_range", "stride_time", "wall_force", "wall_force_range",
+    "view_angle", "unseen_weight",
+}  # fmt: skip
 WHOLE = {"scan_latency": "scan_delay", "control_latency": "control_delay", "crowd_size": "pedestrians"}
 
 
 def test_every_parameter_is_drawn():
-    assert {*RANGES, *WHOLE, "preferred_speed"} == set(Params.__dataclass_fields__)
+    assert {*RANGES, *WHOLE, *SOCIAL_FORCE, "preferred_speed"} == set(Params.__dataclass_fields__)
 
 
 @st.composite

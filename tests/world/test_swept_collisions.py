@@ -90,7 +90,8 @@ def _clearances(i, before, after, twist, edges):
     s = np.clip(s, 0.0, 1.0)
     to_wall = np.hypot(ax + s * (bx - ax) - x, ay + s * (by - ay) - y).min(axis=1) - PARAMS.robot_radius
     start, end = before.pedestrians, after.pedestrians
-    walk_x, walk_y = (start[n][i, 0] + share * (end[n][i, 0] - start[n][i, 0]) for n in ("x", "y"))
+    walk_x = start.x[i, 0] + share * (end.x[i, 0] - start.x[i, 0])
+    walk_y = start.y[i, 0] + share * (end.y[i, 0] - start.y[i, 0])
     to_person = np.hypot(x[:, 0] - walk_x, y[:, 0] - walk_y) - PARAMS.robot_radius - PARAMS.body_radius
     return to_goal, to_wall, to_person
 
