@@ -17,7 +17,7 @@ def one_step():
     world, params = World(), Params()
     key_reset, key_step = jax.random.split(jax.random.key(0))
     state = jax.jit(world.reset)(key_reset, params)
-    action = Action(twist=jnp.array([1.0, 0.0]), code=jnp.int32(0))
+    action = Action(twist=jnp.array([1.0, 0.0]), request=jnp.int32(0))
     state, outcome = jax.jit(world.step)(key_step, state, action, params)
     observation = jax.jit(world.observe)(state, params)
     assert int(state.t) == 1, state.t
