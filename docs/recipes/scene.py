@@ -10,7 +10,7 @@ def meet(u, robot_speed, speed):
     offsets = [0.8 * (u[i] - 0.5) for i in range(1, 4)]
     start = jnp.minimum(2.0 + 3.0 * speed / robot_speed * u[4], 4.5)  # timed to meet at the mouth of the stem
     robot = (-4.0 * side, offsets[0], 4.0 * side, offsets[1])  # x, y, goal x, goal y
-    turn_x, turn_y = offsets[2], 0.0 * u[5]  # a way point: it turns in front of the robot
+    turn_x, turn_y = offsets[2], 0.0 * u[5]  # a way point in front of the robot; 0.0 * u[5] is 0 in u's shape
     return robot, (offsets[2], -start, turn_x, turn_y, -4.4 * side, 0.8 * (u[6] - 0.5))
 
 
