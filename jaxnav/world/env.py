@@ -68,7 +68,7 @@ class World:
         own_scenes: Iterable[scenes.Scene] = (),
         people: PedestrianModel | None = None,
         reward: RewardFunction | None = None,
-    ):
+    ) -> None:
         self.config = config
         self._reward = find_reward(config.reward) if reward is None else reward
         check_reward(self._reward, config.reward if reward is None else getattr(reward, "__name__", repr(reward)))

@@ -75,28 +75,28 @@ def where(condition: jax.Array, one: Any, other: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), one, other)
 
 
-def safe_sqrt(x):
+def safe_sqrt(x: jax.Array) -> jax.Array:
     """sqrt(max(x, 1e-12)): the gradient at 0 and below is 0 instead of infinite."""
     return jnp.sqrt(jnp.maximum(x, _TINY))
 
 
-def norm(x, y):
+def norm(x: jax.Array, y: jax.Array) -> jax.Array:
     """Length of (x, y)."""
     return safe_sqrt(x * x + y * y)
 
 
-def unit(x, y):
+def unit(x: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
     """(x, y) scaled to length 1; a vector of length 0 stays 0."""
     length = norm(x, y)
     return x / length, y / length
 
 
-def cross2d(ax, ay, bx, by):
+def cross2d(ax: jax.Array, ay: jax.Array, bx: jax.Array, by: jax.Array) -> jax.Array:
     """z of the cross product: positive where b points to the left of a."""
     return ax * by - ay * bx
 
 
-def to_frame(x, y, cos, sin):
+def to_frame(x: jax.Array, y: jax.Array, cos: jax.Array, sin: jax.Array) -> tuple[jax.Array, jax.Array]:
     """A world vector (x, y) in the axes of a frame whose heading is (cos, sin)."""
     return cos * x + sin * y, cos * y - sin * x
 
@@ -139,7 +139,9 @@ def time_to_slab(p: Vec2, e: Vec2, a: Vec2, b: Vec2, radius: jax.Array | float) 
     return jnp.where((t <= 1) & (along >= 0) & (along <= length) & (length > 1e-5), t, jnp.inf)
 
 
-def insert_nearest(held, squared, index):
+def insert_nearest(
+    held: list[tuple[jax.Array, jax.Array]], squared: jax.Array, index: jax.Array
+) -> list[tuple[jax.Array, ...]]:
     """``held``, a sorted list of (squared distance, index), with one more candidate and without the farthest of all."""
     carried = squared, index
     kept = []

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .geometry import Vec2, safe_sqrt
+from .params import Params
 from .types import Walls
 
 _UNROLLED = 24  # walls up to which their loop is unrolled
@@ -85,7 +86,7 @@ def raycast_discs(
     return jax.lax.scan(nearer, ranges, discs, unroll=min(8, discs.x.shape[0]))[0]
 
 
-def add_noise(key, ranges, params):
+def add_noise(key: jax.Array, ranges: jax.Array, params: Params) -> jax.Array:
     """Gaussian range noise and dropouts (a lost beam reads ``scan_range``), from one random word a beam."""
     bits = jax.random.bits(key, ranges.shape, jnp.uint32)
     # 16 bits: the normal reaches +-4.3 standard deviations.

@@ -14,8 +14,8 @@ from flax import struct
 
 from .geometry import norm, unit
 from .params import CLEARANCE, Params
-from .scenes import straight
-from .types import Pedestrian
+from .scenes import Scene, straight
+from .types import Pedestrian, Walls
 from .walls import is_inside, pad_walls, wall_clearance, walls_from_chains
 
 ROBOT_GAP = 1.5  # from the robot to any pedestrian at the start
@@ -33,7 +33,7 @@ class Floors:
     count: jax.Array | np.ndarray
 
 
-def floor_table(scenes):
+def floor_table(scenes: Sequence[Scene]) -> Floors:
     """`Floors` of several scenes, numpy, padded to one size with the last floor: leaves `[scenes, ...]`."""
     size = max(len(scene.floors) for scene in scenes)
     sides = [np.pad(np.array(scene.floors).T, ((0, 0), (0, size - len(scene.floors))), mode="edge") for scene in scenes]
@@ -55,7 +55,7 @@ class FromTable:
     function: Callable
     table: Any
 
-    def __call__(self, numbers, *speeds):
+    def __call__(self, numbers: Any, *speeds: Any) -> Any:
         return self.draw(self.table, 0, self.size, numbers, *speeds)
 
     @property
@@ -63,19 +63,19 @@ class FromTable:
         """N, the number of rows."""
         return len(jax.tree.leaves(self.table)[0])
 
-    def shape(self):
-        """What has to agree, beside the function, for tables to be laid one after the other."""
+    def shape(self) -> tuple[Any, tuple]:
+        """(structure, shapes and types of a row). Tables can be joined where these and the function agree."""
         leaves, tree = jax.tree.flatten(self.table)
         return tree, tuple((leaf.shape[1:], leaf.dtype) for leaf in leaves)
 
-    def draw(self, table, first, count, numbers, *speeds):
-        """What `function` says of one of the rows ``first`` to ``first + count - 1`` of a table like its own."""
+    def draw(self, table: Any, first: jax.Array | int, count: jax.Array | int, numbers: Any, *speeds: Any) -> Any:
+        """The result of `function` for one of the rows ``first`` to ``first + count - 1`` of a table like its own."""
         row = first + jnp.minimum((numbers[0] * count).astype(jnp.int32), count - 1)
         return self.function(jax.tree.map(lambda leaf: jnp.asarray(leaf)[row], table), numbers, *speeds)
 
 
-def draw_of_scene(draws: Sequence[Callable], scene, numbers, *speeds):
-    """What the function of the scene with index ``scene`` returns for uniform ``numbers`` and ``speeds``.
+def draw_of_scene(draws: Sequence[Callable], scene: jax.Array | int, numbers: Any, *speeds: Any) -> Any:
+    """The result of the function of the scene with index ``scene`` for uniform ``numbers`` and ``speeds``.
 
     draws: a function for each scene. Each different one is compiled once, however many scenes have it; so is that of
     all `FromTable` with one function.
@@ -106,7 +106,10 @@ def _branch(draws, members, scenes, scene, speeds):
     return lambda numbers: draw.draw(table, first, count, numbers, *speeds)
 
 
-def place(key, scenes, scene, walls, floors, pedestrians, params):
+def place(
+    key: jax.Array, scenes: Sequence[Scene], scene: jax.Array | int, walls: Walls, floors: Floors, pedestrians: int,
+    params: Params,
+) -> tuple[tuple[jax.Array, ...], Pedestrian]:  # fmt: skip
     """Start of an episode: ((robot x, y, heading, goal x, goal y), `Pedestrian` `[P]`).
 
     scene: index into ``scenes``; walls, floors: of that scene. The first pedestrian meets the robot; further ones
@@ -128,7 +131,7 @@ def place(key, scenes, scene, walls, floors, pedestrians, params):
         routes = jnp.concatenate([routes, others], axis=1)
         # The turn is drawn anew for each candidate: those of the others serve as further random numbers.
         present = jnp.arange(pedestrians) < _crowd_size(turns[1], scenes, scene, pedestrians, params)
-    return (x, y, heading, goal_x, goal_y), _at_start(*routes, present, params)
+    return (x, y, heading, goal_x, goal_y), _at_start(*routes, present, params)  # pyright: ignore[reportCallIssue]
 
 
 def _meetings(numbers, scenes, scene, params):
@@ -147,7 +150,7 @@ def _choose(robots, firsts, walls, floors):
     return jnp.argmin(jnp.maximum(short, 0.0))
 
 
-def check_starts(scenes, pedestrians):
+def check_starts(scenes: Sequence[Scene], pedestrians: int) -> None:
     """Try a few episodes of each scene with its own people.
 
     pedestrians: how many the world holds. ValueError: somebody starts or ends outside of the walls or in another body.

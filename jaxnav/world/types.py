@@ -247,10 +247,22 @@ class State(struct.PyTreeNode):
 
 
 class SeenPedestrian(struct.PyTreeNode):
-    """The part of a pedestrian and its encounter that `observe` reads. In `Snapshot` every field is `[P]`."""
+    """The part of a pedestrian and its encounter that `observe` reads. In `Snapshot` every field is `[P]`.
+
+    present:          bool, it is there now.
+    x, y:             position.
+    vx, vy:           velocity.
+    is_open:          bool, the encounter is open.
+    pedestrian_first: bool, the pedestrian begins.
+    message:          index into `MESSAGES`, said by the pedestrian.
+    message_age:      steps for which the message has held.
+    request:          index into `REQUESTS`, asked by the robot.
+    request_age:      steps since it was asked.
+    reply:            index into `REPLIES`, the answer to it.
+    utterance:        uint32 that chooses the wording, 0 while nothing is said.
+    """
 
     present: jax.Array
-
     x: jax.Array
     y: jax.Array
     vx: jax.Array
@@ -269,7 +281,17 @@ class Snapshot(struct.PyTreeNode):
     """All that `observe` reads, in the smallest types that hold it: what replay stores instead of observations.
 
     91 bytes with one pedestrian, 28 more for each further one; a step of ``scan_delay`` adds 14 and 17 a pedestrian.
-    turned: start heading - heading; past: as in `Robot`; past_views: as in `State`.
+
+    t:              steps taken.
+    scene:          index into ``World.scenes``.
+    seed:           uint32 of the sensor noise.
+    x, y, heading:  the robot's pose.
+    v, w:           its twist of the last step.
+    goal_x, goal_y: its goal.
+    turned:         start heading - heading.
+    past:           as in `Robot`.
+    pedestrians:    `SeenPedestrian` `[P]`.
+    past_views:     as in `State`.
     """
 
     t: jax.Array
@@ -289,7 +311,17 @@ class Snapshot(struct.PyTreeNode):
 
 
 class ObservedDialogue(struct.PyTreeNode):
-    """The dialogue with each observed pedestrian, `[K]` int32 each, `utterance` uint32; all zero while silent."""
+    """The dialogue with each observed pedestrian, `[K]` int32 each, `utterance` uint32; all zero while silent.
+
+    is_open:          1 while the encounter is open.
+    pedestrian_first: 1 where the pedestrian begins.
+    message:          index into `MESSAGES`, said by the pedestrian.
+    message_age:      steps for which the message has held.
+    request:          index into `REQUESTS`, asked by the robot.
+    request_age:      steps since it was asked.
+    reply:            index into `REPLIES`, the answer to it.
+    utterance:        chooses the wording, 0 while nothing is said.
+    """
 
     is_open: jax.Array
     pedestrian_first: jax.Array

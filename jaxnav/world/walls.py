@@ -1,5 +1,8 @@
 """Walls as closed chains: checked and tabled with numpy, searched under jit."""
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +13,7 @@ from .types import Walls
 _FARTHEST = 10_000.0  # m from the origin, beyond which single precision no longer tells millimetres
 
 
-def walls_from_chains(chains):
+def walls_from_chains(chains: Iterable[Any]) -> Walls:
     """`Walls` (numpy) of closed chains of (x, y) vertices, free space to the left of each edge.
 
     A chain of two vertices is a wall without thickness, free on both sides. ValueError: a chain of fewer, a coordinate
@@ -36,13 +39,13 @@ def walls_from_chains(chains):
     )  # fmt: skip
 
 
-def enclosed_area(chain):
+def enclosed_area(chain: Any) -> float:
     """Signed area, m^2, of a closed chain of (x, y) vertices: positive where it runs counter-clockwise."""
     x, y = np.asarray(chain, float).T
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
-def is_inside(x, y, chains):
+def is_inside(x: np.ndarray, y: np.ndarray, chains: Iterable[Any]) -> np.ndarray:
     """Whether points are in free space, numpy: an odd number of walls to the right; thin walls count twice."""
     inside = np.zeros(np.shape(x), bool)
     for chain in chains:
@@ -74,7 +77,7 @@ def _check_chain(number, chain):
         )
 
 
-def pad_walls(walls):
+def pad_walls(walls: Sequence[Walls]) -> Walls:
     """Several `Walls` padded to one size: leaves `[len(walls), ...]`. Padding repeats the last vertex, not solid."""
     size = max(one.solid.size for one in walls)
 

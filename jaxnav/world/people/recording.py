@@ -31,7 +31,9 @@ class Rows(NamedTuple):
     y: np.ndarray
 
 
-def read_table(path, columns: Sequence[int], meaning: str, formats: str = "the ETH format") -> np.ndarray:
+def read_table(
+    path: str | pathlib.Path, columns: Sequence[int], meaning: str, formats: str = "the ETH format"
+) -> np.ndarray:
     """The numbers in a text file `[rows, columns]`; ValueError names file, line and remedy."""
     try:
         lines = pathlib.Path(path).read_text(encoding="utf-8").splitlines()
@@ -56,7 +58,7 @@ def read_table(path, columns: Sequence[int], meaning: str, formats: str = "the E
     return np.array(rows)
 
 
-def read_recording(path) -> Rows:
+def read_recording(path: str | pathlib.Path) -> Rows:
     """The rows of a file in the ETH or UCY format; ValueError names file, row or field, and remedy."""
     table = read_table(path, (8, 4), "frame, id, x, z, y, vx, vz, vy or frame, id, x, y")
     rows = Rows(*table[:, [0, 1, 2, 4 if table.shape[1] == 8 else 3]].T)
