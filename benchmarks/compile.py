@@ -1,4 +1,4 @@
-"""What passes before the first chunk of training is done: imports, tracing, lowering, compilation, and running.
+"""The time until the first chunk of training is done: imports, tracing, lowering, compilation, and running.
 
 Starts `jaxnav train` in a fresh process with an empty compilation cache, as a user would, notes what jax says of every
 program it traces, lowers and compiles, watches metrics.jsonl grow, and stops the process after a few chunks. Prints a

@@ -1,4 +1,4 @@
-"""What several devices gain: a training chunk on 1, 2, 4 and 8 of them, against one and against the unparted program.
+"""The gain of several devices: a training chunk on 1, 2, 4 and 8, against one and against the unparted program.
 
 All devices are of this process. On a CPU they are virtual and share its cores: what is seen there is what parting
 costs, not what devices gain. Programs take turns, best of several chunks. That devices change numbers by rounding alone

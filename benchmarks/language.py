@@ -1,4 +1,4 @@
-"""What language costs in training: a chunk in which phrases are heard against the same chunk with one-hot codes.
+"""The cost of language in training: a chunk in which phrases are heard against the same chunk with one-hot codes.
 
 Both are compiled, then take turns, so that a machine which slows down slows both. Compilation counts too: a run of
 ``--steps`` steps is what a user waits for.

@@ -1,4 +1,4 @@
-"""What learners trained at once cost: a training chunk vmapped over members against one learner alone.
+"""The cost of training learners at once: a training chunk vmapped over members against one learner alone.
 
 Members differ in seed, learning rates and discount, and run in one process and one compilation. The two take turns,
 best of several chunks; a whole training adds the compilation of each, once, to 40 chunks (the preset quick). Memory is

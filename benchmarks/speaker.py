@@ -1,4 +1,4 @@
-"""What a language model costs the control loop: nothing. Worst step while a server answers well, late, wrongly or not.
+"""A language model costs the control loop nothing: worst step while a server answers well, late, wrongly or not.
 
 A stub of an OpenAI-compatible server on this machine answers as each behaviour says; a loop begins to say 200
 utterances and looks at every step whether they are ready. The same loop with templates is the yardstick. Steps do a

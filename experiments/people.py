@@ -89,7 +89,7 @@ def setting(options: Options, cell: str) -> tuple[World, Params]:
 
 
 def plays(options: Options, cell: str, policies: list) -> list[EpisodeSummary]:
-    """What each robot's episodes came to, `[episodes]`."""
+    """The results of each robot's episodes, `[episodes]`."""
     world, params = setting(options, cell)
     evaluator = Evaluator(world, params, BLOCK)
     summaries = [evaluator.summaries(policy, whole(options.episodes), options.seed) for policy in policies]
@@ -102,7 +102,7 @@ def whole(episodes: int) -> int:
 
 
 def row(cell: str, played: list[EpisodeSummary]) -> dict[str, Any]:
-    """What is written of a cell."""
+    """The row of a cell in the results."""
     scene, people = CELLS[cell]
     return {
         "suite": "people", "scene": scene, "method": people, "budget": "trained", "seeds": list(range(len(played))),
@@ -145,7 +145,7 @@ def run(options: Options) -> dict:
 
 
 def identity_of(config: RunConfig) -> dict:
-    """What decides on a training."""
+    """The part of a configuration on which the training depends."""
     return {name: part for name, part in to_json(config).items() if name not in ("out", "resume")}
 
 

@@ -1,4 +1,4 @@
-"""What each trick of the learner is worth: time to 0.95 in the parity suite, and success in three hard scenes.
+"""The worth of each trick of the learner: time to 0.95 in the parity suite, and success in three hard scenes.
 
 python -m experiments.tricks --help
 """

@@ -111,7 +111,7 @@ def evaluate(
     world: World | None = None,
     params: Params | None = None,
 ) -> dict[str, Any]:
-    """What a policy comes to in every scene, like evaluation.json: metrics with intervals, straight line, muted policy.
+    """Metrics of a policy by scene, like evaluation.json: with intervals, the straight line and the muted policy.
 
     policy: a `Policy` or the folder of a run; episodes: in each scene; seed: of the episodes.
     phrases: what people say: test, sentences of patterns never heard in training; validation; or train.

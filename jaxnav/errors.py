@@ -8,7 +8,7 @@ class UserError(Exception):
 
 
 def remedy(error: Exception) -> str:
-    """What helps against an error of writing a file."""
+    """The remedy for an error of writing a file."""
     full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     # Libraries below Orbax pass on the text of the system's error alone.
     return "free some space" if full or "No space left" in str(error) else "make it writable"

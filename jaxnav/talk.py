@@ -118,7 +118,7 @@ class Conversation:
         self._speech[-1] = self._lines()
 
     def episode(self) -> Episode:
-        """What has happened so far, to be drawn. UserError: nothing has."""
+        """The episode so far, to be drawn. UserError: nothing has happened."""
         if not self._outcomes:
             raise UserError("nothing has happened yet: there is no episode to draw")
         return Episode(
@@ -214,7 +214,7 @@ def message_of(message: int) -> np.ndarray:
 
 
 def describe(found: Understood) -> str:
-    """What was understood, for people: "stop (0.98)"."""
+    """The understood meaning as text for people: "stop (0.98)"."""
     replied = dialogue_rules.is_reply(found.reply_confidence, RULES)
     if found.unsure:
         return f"{found.name}? (only {found.confidence:.2f}: asks again)"

@@ -41,7 +41,7 @@ def predictors(calibrated):
 
 
 def study(training, held_out, starts, steps, seed, report):
-    """What `calibrate_eth.json` says: the fit, and errors of every predictor. report: after each step."""
+    """The contents of `calibrate_eth.json`: the fit, and errors of every predictor. report: called after each step."""
     draws = np.random.default_rng(seed).uniform(size=(len(_RANGES), starts))
     low, high = np.log(_RANGES).T[..., None]
     start = Behaviour(*jnp.asarray(np.exp(low + draws * (high - low)), jnp.float32))

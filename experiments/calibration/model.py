@@ -1,4 +1,4 @@
-"""What is fitted: the world's pedestrian, with the preferred velocity of each person estimated from its own past.
+"""The fitted model: the world's pedestrian, with each person's preferred velocity estimated from its own past.
 
 A person wants to go on as it went, and with time more and more as the world's pedestrian does: at ``preferred_speed``
 to its destination. It moves as the world's ORCA people do, next to everybody within ``awareness``.
@@ -34,7 +34,7 @@ class Behaviour(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What isn't fitted. dt: s; max_speed: m/s, by default more than people run at; robot_radius: m; neighbors: the
+    """The fixed settings. dt: s; max_speed: m/s, by default more than people run at; robot_radius: m; neighbors: the
     most who are avoided at once."""
 
     dt: float = 0.4

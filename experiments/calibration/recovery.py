@@ -16,7 +16,7 @@ _OFF = 0.3, 0.6  # least and largest relative error of a starting value, either 
 
 
 def study(truths, starts, walkers, episodes, steps, noise, seed, report):
-    """What `calibrate_simulated.json` says of truths, starts and fits. report: called after each step."""
+    """Truths, starts and fits, as in `calibrate_simulated.json`. report: called after each step."""
     rows = []
     for number in range(truths):
         generator = np.random.default_rng((seed, number))

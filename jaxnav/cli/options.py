@@ -108,7 +108,7 @@ class Opened:
 
     @property
     def elsewhere(self) -> dict[str, Any]:
-        """What results say where the scenes are not those of training: these, and what else of the world differs."""
+        """Entries of the results where the scenes differ from training: its scenes, and other changes of the world."""
         from ..training.elsewhere import changes
 
         if self.run.config is self.trained:

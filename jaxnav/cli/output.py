@@ -40,7 +40,7 @@ def print_result(console: Console, result: Mapping[str, Any]) -> None:
 
 
 def print_comparison(console: Console, result: Mapping[str, Any]) -> None:
-    """What `jaxnav.compare` returns as a table: one row per scene, with success and how far the first is ahead.
+    """Print the result of `jaxnav.compare` as a table: a row per scene, with success and how far the first is ahead.
 
     "(open)" stands where the interval of the paired difference to the second includes 0.
     """

@@ -29,7 +29,7 @@ def is_reply(probability: float, rules: Dict[str, float]) -> bool:
 
 
 def reaction(message: int, reply: int, unsure: bool, awaited: bool) -> str:
-    """What the robot does about what it understood: "reply", "repeat", "obey", or "" where nothing is asked of it.
+    """The robot's reaction to what it understood: "reply", "repeat", "obey", or "" where nothing is asked of it.
 
     message, reply: indices, 0 none; unsure: whether it is; awaited: whether somebody owes the robot an answer.
     """

@@ -52,8 +52,7 @@ class Layout:
     mesh: Mesh | None = None
 
     def start(self, init: Callable[[], tuple[LoopState, Any]]) -> tuple[LoopState, Any]:
-        """What ``init()`` returns, a `LoopState` and something beside it: the first made where it is to lie, the second
-        `local`."""
+        """The two results of ``init()``: a `LoopState`, made where it is to lie, and another pytree, made `local`."""
         if self.mesh is None:
             return jax.jit(init, compiler_options=_quick_to_compile())()
         loop, beside = jax.jit(init, out_shardings=(self._of_loop(), self._sharding()))()
@@ -95,7 +94,7 @@ class Layout:
         return loop if self.mesh is None else jax.tree.map(_gathered, loop)
 
     def local(self, tree: Any) -> Any:
-        """What is replicated, as arrays of this process's first device alone: what only one of them computes on."""
+        """Replicated arrays as arrays of this process's first device alone, for computing on that device."""
         return tree if self.mesh is None else jax.tree.map(lambda leaf: leaf.addressable_data(0), tree)
 
     @property

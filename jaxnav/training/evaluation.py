@@ -50,7 +50,7 @@ def play_block(
 
 
 def metrics(played: EpisodeSummary) -> dict[str, Any]:
-    """What episodes `[episodes]` of one scene came to; these keys stand in evaluation.json and wherever else.
+    """Metrics of the episodes `[episodes]` of one scene, under the keys of evaluation.json.
 
     success, collision, human_collision, timeout: shares of the episodes.
     success_ci95:        Wilson's interval of success, [low, high].
@@ -108,7 +108,7 @@ class Evaluator:
 
     @property
     def bytes_needed(self) -> int:
-        """Of the device's memory while it plays what `compile` was given."""
+        """Bytes of the device's memory that the compiled program needs; call `compile` first."""
         found = self._compiled.memory_analysis()
         return found.output_size_in_bytes + found.temp_size_in_bytes
 

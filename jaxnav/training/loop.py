@@ -87,7 +87,7 @@ class Trainer:
 
     @property
     def bytes_per_transition(self) -> int:
-        """Of replay; none where the learner uses none."""
+        """Bytes of replay for one transition; 0 for a learner without replay."""
         return self.replay.bytes_per_transition if self.agent.replays else 0
 
     def init(self, key: jax.Array, hyper: Any, scene: Any = -1) -> LoopState:

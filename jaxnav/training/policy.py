@@ -15,7 +15,7 @@ from .config import RunConfig
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True)
 class Policy:
-    """What a robot does with what it observes. A pytree: give it to ``jit`` and ``vmap`` as an argument.
+    """A trained robot: observation in, action out. A pytree: give it to ``jit`` and ``vmap`` as an argument.
 
     parameters: of the learner's networks that act; a population's have a leading axis `[members]`.
     voice:      whether it may make requests, bool; without voice every request is none.
@@ -44,7 +44,7 @@ class Policy:
         return self.learner.best_action(self.parameters, observation, self.voice, self.vocabulary)
 
     def __call__(self, state: State, world: World, params: Params) -> Action:
-        """What it does in a state of a world: a policy is a player."""
+        """The action in a state of a world: a policy is a player."""
         return self.act(world.observe(state, params))
 
     @property

@@ -23,7 +23,7 @@ from .memory import free_memory
 
 @dataclasses.dataclass(frozen=True)
 class Trained:
-    """What a population came to after some of its training.
+    """A population after some of its training.
 
     env_steps: of each member; policies: parameters of what is evaluated `[members]`; broken: by member the env step by
     which its numbers were no longer finite, None of one that is well. One that broke is never well again.
@@ -145,12 +145,12 @@ class Population:
 
     @property
     def bytes_held(self) -> int:
-        """Of the device's memory between two chunks: all that the members are."""
+        """Bytes of the device's memory that the members take between two chunks."""
         return self._memory.argument_size_in_bytes
 
     @property
     def bytes_needed(self) -> int:
-        """Of the device's memory while it trains: the members and what their program needs beside them. Compiles it."""
+        """Bytes of the device's memory while it trains: the members and their program's own. Compiles the program."""
         found = self._memory
         return (
             found.argument_size_in_bytes + found.output_size_in_bytes - found.alias_size_in_bytes

@@ -14,7 +14,7 @@ from ..world.types import AGREES, NONE
 
 
 class Player(Protocol):
-    """Whatever drives the robot: a pytree that is called with a state. A `Policy`, a scripted robot, your own."""
+    """A driver of the robot, a pytree that is called with a state: a `Policy`, a scripted robot or your own."""
 
     def __call__(self, state: State, world: World, params: Params) -> Action:
         """The action in one state of one episode."""
@@ -61,7 +61,7 @@ class Episode:
 
 
 class EpisodeSummary(NamedTuple):
-    """What an episode came to; leaves `[episodes]`.
+    """The results of episodes; leaves `[episodes]`.
 
     arrived, collided, hit_pedestrian, truncated: how it ended, bool; a collision may be with a pedestrian.
     steps:             until it ended.

@@ -37,7 +37,7 @@ class Best(struct.PyTreeNode):
 
 
 class Progress(struct.PyTreeNode):
-    """What a checkpoint holds."""
+    """The contents of a checkpoint."""
 
     loop: LoopState
     best: Best
@@ -157,7 +157,7 @@ class Run:
         return Progress(loop=loop, best=best), 0.0, 0
 
     def meta(self, metrics_bytes: int, wall_seconds: float) -> dict[str, Any]:
-        """What a checkpoint says beside its `Progress`."""
+        """The JSON that a checkpoint holds beside its `Progress`."""
         return {"config": self._compared, "metrics_bytes": metrics_bytes, "wall_seconds": wall_seconds}
 
     def restore(self) -> Progress:

@@ -223,7 +223,7 @@ def _interval(planes, i, line, max_speed):
 
 
 def _cuts(planes, i, line):
-    """What planes 0 to i - 1 leave of ``line``: `[N, B]` t, nothing above t, nothing below t, nothing at all."""
+    """How planes 0 to i - 1 cut ``line``: `[N, B]` t, nothing is left above t, nothing below t, nothing at all."""
     t, sine, offset = _crossing(jax.tree.map(lambda leaf: leaf[None], line), planes)
     parallel = jnp.abs(sine) <= _PARALLEL
     counts = planes.active & (jnp.arange(planes.active.shape[0])[:, None] < jnp.reshape(i, (1, -1)))

@@ -1,4 +1,4 @@
-"""What a pedestrian intends: a velocity, by its goal and by what was said, and whether it yields to the robot.
+"""The intention of a pedestrian: a velocity, by its goal and by what was said, and whether it yields to the robot.
 
 Source: docs/world.md sections 6 and 7.
 """
@@ -18,7 +18,7 @@ _TURN = 0.3  # from its way point a pedestrian turns toward its goal
 
 @struct.dataclass
 class Intention:
-    """What a model of pedestrians is asked to carry out. For all pedestrians every field is `[P]`.
+    """The intention that a model of pedestrians carries out. For all pedestrians every field is `[P]`.
 
     vx, vy: the velocity it wants, m/s; ignores_robot: bool, it keeps to what it announced or decided and doesn't yield.
     """

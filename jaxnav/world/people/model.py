@@ -16,7 +16,7 @@ from .intention import Intention, intend, turn
 
 @struct.dataclass
 class Surroundings:
-    """What pedestrians move among.
+    """The surroundings of pedestrians.
 
     robot: where it is at the step's beginning, and how fast; walls: of the scene; t: int32, steps taken so far; seed:
     uint32 of the episode, for randomness: ``jax.random.fold_in(jax.random.key(seed), t)`` is a key of this step.

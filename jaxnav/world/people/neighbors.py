@@ -1,4 +1,4 @@
-"""Who and what is nearest to a pedestrian: walls and other pedestrians, as seen from it."""
+"""The nearest walls and other pedestrians, as seen from a pedestrian."""
 
 import jax
 import jax.numpy as jnp

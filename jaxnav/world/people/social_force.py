@@ -110,7 +110,7 @@ def repulsion(dx: jax.Array, dy: jax.Array, other_vx: jax.Array, other_vy: jax.A
 
 
 def view_weight(want_x: jax.Array, want_y: jax.Array, fx: jax.Array, fy: jax.Array, params: Params) -> jax.Array:
-    """What a repulsion counts: 1 where it comes from within ``view_angle`` of the wanted direction (equations 7, 8)."""
+    """The weight of a repulsion: 1 from within ``view_angle`` of the wanted direction (equations 7, 8)."""
     ux, uy = unit(want_x, want_y)
     seen = -(ux * fx + uy * fy) >= norm(fx, fy) * jnp.cos(0.5 * params.view_angle)
     return jnp.where(seen, 1.0, params.unseen_weight)
